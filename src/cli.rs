@@ -6,6 +6,7 @@
 
 pub mod alarms;
 pub mod audit;
+mod bar;
 pub mod bench;
 pub mod candidate;
 pub mod chosen;
@@ -32,6 +33,7 @@ mod passphrase;
 pub mod per_candidate;
 pub mod pool;
 pub mod profile;
+pub mod proof;
 mod prune;
 pub mod recordings;
 pub mod refine;
@@ -49,6 +51,8 @@ pub mod stop;
 pub mod store;
 #[cfg(feature = "console")]
 pub mod theme;
+pub mod verify;
+pub mod witness;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -148,7 +152,7 @@ pub enum Verb {
     Alarms(alarms::AlarmsArgs),
     /// Reads, verifies and exports the audit log.
     Audit(audit::AuditArgs),
-    /// Mends the store: makes its tables anew from the audit log.
+    /// Looks at the store, copies it, writes its history out, and mends it.
     Store(store::StoreArgs),
     #[cfg(feature = "console")]
     /// Shows what was recorded of an upgrade.

@@ -1,4 +1,5 @@
-//! `holdpoint audit list | verify | export`. Reads the store; an engine may have it open meanwhile.
+//! `holdpoint audit`: lists, verifies and exports the chain, proves things of it, and names its witnesses. All but the
+//! last read only; an engine may have the store open meanwhile.
 
 use std::fs::OpenOptions;
 use std::path::{Path, PathBuf};
@@ -6,14 +7,14 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::output::Table;
+use super::proof::{self, CheckProofArgs, ConsistencyArgs, ProofArgs};
+use super::verify::{self, VerifyArgs};
+use super::witness::{self, WitnessArgs};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_approvals::keyfile;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{
-    AuditFilter, ExportError, Layout, MissingBatches, VerifyError, VerifyReport, Views, verify,
-};
+use holdpoint_registry::{AuditFilter, ExportError, Layout, Views};
 
 /// The most records `list` prints.
 pub const LIST_MAX: u32 = 10_000;
@@ -23,7 +24,9 @@ pub const LIST_MAX: u32 = 10_000;
 #[command(after_help = "\
 Examples:
   holdpoint audit list --subject grasp@1.3.0
-  holdpoint audit verify
+  holdpoint audit verify --all
+  holdpoint audit proof 120 --out record-120.json
+  holdpoint audit witness add /mnt/witness
   holdpoint audit export --out audit.jsonl")]
 pub struct AuditArgs {
     /// The verb that was given, with its arguments.
@@ -50,18 +53,39 @@ Example:
               value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
         limit: u32,
     },
-    /// Verifies the whole chain and names the first bad record. Ends with 1 if there is one.
+    /// Verifies the whole history and names the first thing that is bad. Ends with 1 if there is one.
+    #[command(after_help = "\
+Without a copy kept elsewhere nobody can tell that a whole store was put back to an earlier state: --against
+takes such copies, and the store's witnesses are asked by themselves.
+
+Examples:
+  holdpoint audit verify --all
+  holdpoint audit verify --against /mnt/backup/checkpoints
+  holdpoint audit verify --file copy/holdpoint.db --key store.pub
+  holdpoint audit verify --file store.jsonl --key store.pub")]
+    Verify(VerifyArgs),
+    /// Proves that a record is in the chain, by a file that is checked without the store.
     #[command(after_help = "\
 Example:
-  holdpoint audit verify --file copy/holdpoint.db --key store.pub")]
-    Verify {
-        /// The database [default: the store's].
-        #[arg(long)]
-        file: Option<PathBuf>,
-        /// The store's public key [default: the one in the store].
-        #[arg(long)]
-        key: Option<PathBuf>,
-    },
+  holdpoint audit proof 120 --out record-120.json")]
+    Proof(ProofArgs),
+    /// Proves that the chain goes on from an earlier checkpoint, by a file that is checked without the store.
+    #[command(after_help = "\
+Examples:
+  holdpoint audit consistency --from 256
+  holdpoint audit consistency --against kept/000000000256.json --out consistency.json")]
+    Consistency(ConsistencyArgs),
+    /// Checks a proof with the store's public key alone. Ends with 1 if it does not hold.
+    #[command(after_help = "\
+Example:
+  holdpoint audit check-proof record-120.json --public-key store.pub")]
+    CheckProof(CheckProofArgs),
+    /// Adds, lists and removes witnesses: folders elsewhere that get every checkpoint.
+    #[command(after_help = "\
+Examples:
+  holdpoint audit witness add /mnt/witness
+  holdpoint audit witness list")]
+    Witness(WitnessArgs),
     /// Writes the records as JSON lines.
     #[command(after_help = "\
 Example:
@@ -81,7 +105,6 @@ Example:
 /// # Errors
 /// [`CliError`].
 pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let layout = Layout::new(&context.data);
     match &args.verb {
         AuditVerb::List { subject, kind, limit } => {
             let filter = AuditFilter {
@@ -94,13 +117,11 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
             };
             list(&open(&context.data)?, &filter, out)?;
         }
-        AuditVerb::Verify { file, key } => {
-            let database = file.clone().unwrap_or_else(|| layout.database());
-            // Beside a copied file the store's own key would be a guess, so it is used for the store alone.
-            let own_key =
-                (file.is_none() && layout.store_public_key().is_file()).then(|| layout.store_public_key());
-            return check(&database, key.clone().or(own_key).as_deref(), out);
-        }
+        AuditVerb::Verify(args) => return verify::run(context, args, out),
+        AuditVerb::Proof(args) => return proof::record(context, args, out),
+        AuditVerb::Consistency(args) => return proof::consistency(context, args, out),
+        AuditVerb::CheckProof(args) => return proof::check(context, args, out),
+        AuditVerb::Witness(args) => return witness::run(context, args, out),
         AuditVerb::Export { from, out: None } => {
             export_to(&open(&context.data)?, *from, out.sink())?;
         }
@@ -170,57 +191,11 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(),
     out.table(&table)
 }
 
-fn check(database: &Path, key: Option<&Path>, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    if !database.is_file() {
-        return Err(CliError::usage(format!("there is no database {database:?}")));
-    }
-    let key = key.map(keyfile::read_public).transpose().map_err(CliError::usage)?.map(|(key, _)| key);
-    match verify(database, key.as_ref()) {
-        Ok(report) => {
-            out.answer(&serde_json::json!({ "sound": true, "report": report }), |out| sound(&report, out))?;
-            Ok(Exit::Confirmed)
-        }
-        Err(VerifyError::Unreadable(error)) => Err(CliError::usage(error)),
-        Err(
-            error @ (VerifyError::Damaged(_)
-            | VerifyError::Record { .. }
-            | VerifyError::State { .. }
-            | VerifyError::Invariant(_)
-            | VerifyError::Checkpoint { .. }
-            | VerifyError::Unsigned(_)
-            | VerifyError::Approval { .. }
-            | VerifyError::Telemetry { .. }),
-        ) => {
-            let problem = error.to_string();
-            out.answer(&serde_json::json!({ "sound": false, "problem": problem }), |out| {
-                out.line(&format!("not sound: {problem}"))
-            })?;
-            Ok(Exit::Rejected)
-        }
-    }
-}
-
-fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
-    out.line(&format!("sound: {} records, head {}", report.records, report.head))?;
-    let signatures =
-        if report.key_given { "signatures checked" } else { "signatures not checked: no public key" };
-    out.line(&format!("checkpoints        {} ({signatures})", report.checkpoints))?;
-    out.line(&format!("approvals          {}", report.approvals))?;
-    out.line(&format!(
-        "telemetry batches  {} ({} removed for age, {} not looked at)",
-        report.batches, report.batches_pruned, report.batches_unseen
-    ))?;
-    let Some(missing) = report.batches_missing else { return Ok(()) };
-    let MissingBatches { first, last, first_sealed_by, last_sealed_by } = missing;
-    out.line(&format!(
-        "missing batches    {first} to {last}, sealed by the records {first_sealed_by} to {last_sealed_by}: no record says \
-         whether for age or by somebody"
-    ))
-}
-
 fn export_to(views: &Views, from_seq: u64, sink: &mut dyn std::io::Write) -> Result<u64, CliError> {
     views.export(from_seq, sink).map_err(|error| match error {
         ExportError::Write(error) => CliError::from(error),
-        error @ (ExportError::Read(_) | ExportError::Json(_)) => CliError::usage(error),
+        error @ (ExportError::Read(_) | ExportError::Store(_) | ExportError::Json(_)) => {
+            CliError::usage(error)
+        }
     })
 }

@@ -12,7 +12,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_recordings::{folder, viewer};
-use holdpoint_registry::Layout;
+use holdpoint_registry::{Layout, look_at_witness, store_info};
 use holdpoint_text::Hint;
 
 /// The oldest SQLite without the WAL-reset defect.
@@ -85,6 +85,7 @@ pub fn run(context: &CliContext, _args: &DoctorArgs, out: &mut Output<'_>) -> Re
     let mut findings = vec![finding("holdpoint", FindingStatus::Ok, env!("CARGO_PKG_VERSION"))];
     findings.extend(terminal(std::io::stdout().is_terminal(), size, variable));
     findings.push(store(&context.data));
+    findings.extend(witnesses(&context.data));
     findings.push(sqlite(rusqlite::version()));
     findings.push(recordings(&context.data));
     findings.push(viewer(viewer::path().as_deref()));
@@ -179,6 +180,27 @@ fn store(data: &Path) -> Finding {
         }
         Ok(()) => finding("store", FindingStatus::Ok, format!("will be made in {shown}")),
     }
+}
+
+/// Whether the store's witnesses can be written.
+fn witnesses(data: &Path) -> Vec<Finding> {
+    let database = Layout::new(data).database();
+    if !database.is_file() {
+        return Vec::new();
+    }
+    let known = store_info(data).map(|info| (info.store_id, info.witnesses));
+    let (store_id, folders) = match known {
+        Ok(known) => known,
+        Err(error) => return vec![finding("witnesses", FindingStatus::Limited, error.sentence())],
+    };
+    let look = |folder: String| match look_at_witness(&folder, &store_id) {
+        Ok(heads) => {
+            let detail = format!("{folder} has {}", counted(usize::try_from(heads).unwrap_or(0), "head"));
+            finding("witness", FindingStatus::Ok, detail)
+        }
+        Err(problem) => finding("witness", FindingStatus::Limited, format!("{folder}: {problem}")),
+    };
+    folders.into_iter().map(look).collect()
 }
 
 fn sqlite(version: &str) -> Finding {

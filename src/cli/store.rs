@@ -1,18 +1,32 @@
-//! `holdpoint store rebuild`: mends a store that no engine has open.
+//! `holdpoint store rebuild | backup | check | info | export`: mends a store that no engine has open, copies it, looks
+//! at it, and writes its history out.
+
+use std::fs::OpenOptions;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
 use super::audit;
+use super::output::Table;
+use super::recordings::{counted, size};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
+use holdpoint_approvals::keyfile;
 use holdpoint_engine::caller;
-use holdpoint_registry::{Rebuilt, rebuild};
+use holdpoint_registry::{
+    BackupParts, Layout, Rebuilt, StoreInfo, backup, check_store, export_store, rebuild, store_info,
+};
+use serde_json::json;
 
 /// The arguments of `store`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Example:
+Examples:
+  holdpoint store check
+  holdpoint store backup /mnt/backup/2026-11-22
+  holdpoint store export store.jsonl
   holdpoint store rebuild --from-chain")]
 pub struct StoreArgs {
     /// The verb that was given, with its arguments.
@@ -35,6 +49,48 @@ Example:
         #[arg(long, required = true)]
         from_chain: bool,
     },
+    /// Copies the store, also while an engine works on it; the copy is verified, and there whole or not at all.
+    #[command(after_help = "\
+The copy has the database, checkpoints, telemetry, the site's profiles and all public keys. A name that ends with
+.db gets the database alone. Nothing is ever overwritten.
+
+Examples:
+  holdpoint store backup /mnt/backup/2026-11-22
+  holdpoint store backup copy.db")]
+    Backup {
+        /// A new folder, or a new file that ends with .db.
+        #[arg(value_name = "DIR|FILE")]
+        to: PathBuf,
+        /// With the secret keys: whoever has the copy can sign as this store, and with every key without a passphrase.
+        #[arg(long)]
+        with_keys: bool,
+        /// With the recordings of scenes.
+        #[arg(long)]
+        with_recordings: bool,
+    },
+    /// Looks at the store quickly and says in sentences what it found. Ends with 1 if something is wrong.
+    #[command(after_help = "\
+Nothing is written. `holdpoint audit verify` reads the whole history.
+
+Example:
+  holdpoint store check")]
+    Check,
+    /// What the store is: id, schema, records, sizes, head, who has it.
+    #[command(after_help = "\
+Example:
+  holdpoint store info --json")]
+    Info,
+    /// Writes the whole history into one file that another program can verify: heads, records and approvals.
+    #[command(after_help = "\
+`holdpoint audit verify --file FILE` verifies it, and so does the script in the guide, without this program.
+
+Example:
+  holdpoint store export store.jsonl")]
+    Export {
+        /// A new file.
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+    },
 }
 
 /// Does what was asked for.
@@ -52,7 +108,83 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
             out.answer(&serde_json::json!({ "rebuilt": rebuilt }), |out| tell(rebuilt.as_ref(), out))?;
             Ok(Exit::Confirmed)
         }
+        StoreVerb::Backup { to, with_keys, with_recordings } => {
+            audit::database(&context.data)?;
+            let parts = BackupParts { keys: *with_keys, recordings: *with_recordings };
+            let report = backup(&context.data, to, parts).map_err(CliError::usage)?;
+            let value = json!({ "copied": to.display().to_string(), "report": report });
+            out.answer(&value, |out| {
+                out.line(&format!(
+                    "copied {} records, {} in {}, to {}; the copy is sound",
+                    report.verified.records,
+                    size(report.bytes),
+                    counted(usize::try_from(report.files).unwrap_or(usize::MAX), "file"),
+                    to.display()
+                ))
+            })?;
+            Ok(Exit::Confirmed)
+        }
+        StoreVerb::Check => {
+            audit::database(&context.data)?;
+            let found = check_store(&context.data).map_err(CliError::usage)?;
+            let sound = found.iter().all(|looked| looked.good);
+            out.answer(&json!({ "good": sound, "found": found }), |out| {
+                found.iter().try_for_each(|looked| {
+                    let mark = if looked.good { "ok   " } else { "WRONG" };
+                    out.line(&format!("{mark}  {}", looked.text))
+                })
+            })?;
+            Ok(if sound { Exit::Confirmed } else { Exit::Rejected })
+        }
+        StoreVerb::Info => {
+            audit::database(&context.data)?;
+            let info = store_info(&context.data).map_err(CliError::usage)?;
+            out.answer(&info, |out| told(&info, out))?;
+            Ok(Exit::Confirmed)
+        }
+        StoreVerb::Export { file } => {
+            let database = audit::database(&context.data)?;
+            let key = keyfile::read_public(&Layout::new(&context.data).store_public_key()).ok();
+            let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {file:?}: {error}"));
+            let made = OpenOptions::new().write(true).create_new(true).open(file).map_err(cannot)?;
+            let mut writer = BufWriter::new(made);
+            let records = export_store(&database, key.as_ref().map(|(key, _)| key), &mut writer);
+            let records = records.map_err(CliError::usage)?;
+            writer.flush().and_then(|()| writer.get_ref().sync_all()).map_err(cannot)?;
+            out.answer(&json!({ "records": records, "file": file.display().to_string() }), |out| {
+                out.line(&format!("wrote {records} records with their signed heads to {}", file.display()))
+            })?;
+            Ok(Exit::Confirmed)
+        }
     }
+}
+
+fn told(info: &StoreInfo, out: &mut Output<'_>) -> Result<(), CliError> {
+    let mut table = Table::new(&["what", "is"]);
+    let wall = |ms: Option<i64>| {
+        let secs = ms.and_then(|ms| u64::try_from(ms / 1_000).ok());
+        secs.map_or_else(|| "-".to_owned(), holdpoint_registry::utc)
+    };
+    let number = |number: Option<u64>| number.map_or_else(|| "-".to_owned(), |number| number.to_string());
+    table.row(["store", info.store_id.as_str()]);
+    table.row(["schema".to_owned(), format!("{} of {}", info.schema, info.schema_newest)]);
+    table.row(["records".to_owned(), info.records.to_string()]);
+    table.row(["head", info.head.as_str()]);
+    table.row(["signed at record".to_owned(), number(info.signed_at)]);
+    table.row(["root of the tree", info.root.as_deref().unwrap_or("-")]);
+    table.row(["checkpoints".to_owned(), info.checkpoints.to_string()]);
+    table.row(["versions".to_owned(), info.versions.to_string()]);
+    table.row(["first record".to_owned(), wall(info.first_wall_ms)]);
+    table.row(["last record".to_owned(), wall(info.last_wall_ms)]);
+    for (name, bytes) in &info.bytes {
+        table.row([name.clone(), size(*bytes)]);
+    }
+    table.row(["free".to_owned(), size(info.free_bytes)]);
+    for witness in &info.witnesses {
+        table.row(["witness", witness.as_str()]);
+    }
+    table.row(["in use by", info.in_use_by.as_deref().unwrap_or("nobody")]);
+    out.table(&table)
 }
 
 fn tell(rebuilt: Option<&Rebuilt>, out: &mut Output<'_>) -> Result<(), CliError> {

@@ -85,6 +85,7 @@ impl Record {
     /// jumps, so there nothing is done by itself.
     pub(crate) fn look_at_alarms(&mut self, monitors: &Monitors, works: bool) {
         let now_ms = self.now_ms();
+        self.look_at_checkpoints();
         if self.clock().is_scripted() || !self.alarms.take_due(now_ms) {
             return;
         }
@@ -143,8 +144,23 @@ impl Record {
             AlarmKey::Unreviewed(version) => !self.is_unreviewed(version),
             // Whoever ends the question or the rejection clears it.
             AlarmKey::Approval(_) | AlarmKey::Rejected(_) => false,
+            AlarmKey::CheckpointFailed => self.ledger().store().checkpoint_problem().is_none(),
             // An engine that holds does so until it comes up again.
             AlarmKey::EngineFault => self.holding().is_none(),
+        }
+    }
+
+    /// Whether the newest checkpoint could be written, and sent to the store's witnesses. The store works on without.
+    fn look_at_checkpoints(&mut self) {
+        let key = AlarmKey::CheckpointFailed;
+        let raised = self.alarms().get(&key).is_some_and(|alarm| alarm.condition);
+        match self.ledger().store().checkpoint_problem() {
+            Some(problem) if !raised => {
+                let text = format!("a cut of the audit chain would not be found: {problem}");
+                self.raise(key, Priority::High, false, &text);
+            }
+            None if raised => self.alarm_event(&AlarmEvent::Clear { key }),
+            Some(_) | None => {}
         }
     }
 

@@ -95,6 +95,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::RecordingRemoved
+            | RecordKind::WitnessSet
             | RecordKind::StoreRebuilt => {}
         }
     }

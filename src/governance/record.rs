@@ -92,6 +92,8 @@ crate::words! {
         Recording = "recording",
         /// A scene recording's file was removed, with the reason.
         RecordingRemoved = "recording-removed",
+        /// A witness was added or removed: a folder elsewhere that gets every checkpoint, and by whom.
+        WitnessSet = "witness-set",
         /// The store's tables were made anew from the chain: by whom, why, and which rows had differed.
         StoreRebuilt = "store-rebuilt",
     }

@@ -18,6 +18,7 @@ use super::fold::{ChainFault, Fold};
 use super::invariants;
 use super::names::{EvidenceKind, is_own};
 use super::rows::{RowName, row_digest, rows_of};
+use super::witness::{self, WITNESSES_MAX};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
@@ -393,6 +394,16 @@ impl Applier<'_> {
                 check_int("rows", *rows)?;
                 self.version(version)?;
                 Ok(Touched::new(RecordKind::TelemetrySealed, version))
+            }
+            Change::SetWitness { folder, present, by } => {
+                check_json("caller", by)?;
+                witness::check_path(folder)?;
+                let known = self.fold.witnesses();
+                if *present && known.len() >= WITNESSES_MAX && !known.contains(folder) {
+                    let allowed = format!("at most {WITNESSES_MAX}");
+                    return Err(StoreError::invalid("number of witnesses", known.len() + 1, allowed));
+                }
+                Ok(Touched::new(RecordKind::WitnessSet, ""))
             }
             Change::AlarmChange { alarm, subject, state, priority, json } => {
                 self.alarm(alarm, subject, (*state, *priority), json)

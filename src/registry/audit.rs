@@ -9,6 +9,7 @@ use std::io::{ErrorKind, Write};
 use rusqlite::{Connection, OptionalExtension, Row, params};
 
 use super::error::StoreError;
+use super::merkle::Frontier;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::words::Word;
@@ -109,6 +110,21 @@ pub(crate) fn copy(connection: &Connection, record: &AuditRecord) -> Result<(), 
         .map_err(&error)
 }
 
+/// A tree with the records that came after it; the caller holds the transaction.
+pub(crate) fn tree_after(connection: &Connection, tree: &Frontier) -> Result<Frontier, StoreError> {
+    let mut tree = tree.clone();
+    let mut grow = || -> rusqlite::Result<()> {
+        let mut select = connection.prepare_cached("SELECT hash FROM audit WHERE seq > ?1 ORDER BY seq")?;
+        let mut rows = select.query([tree.size()])?;
+        while let Some(row) = rows.next()? {
+            tree.push(&Digest::from_bytes(row.get(0)?));
+        }
+        Ok(())
+    };
+    grow().map_err(StoreError::sql("read the audit chain"))?;
+    Ok(tree)
+}
+
 /// Calls `visit` with each record from `from_seq` on, in order, one at a time.
 pub(crate) fn for_each<E: From<rusqlite::Error>>(
     connection: &Connection,
@@ -133,6 +149,9 @@ pub enum ExportError {
     /// The output cannot be written.
     #[error("the audit chain cannot be written out: {0}")]
     Write(#[from] std::io::Error),
+    /// What belongs to the chain cannot be read.
+    #[error(transparent)]
+    Store(Box<StoreError>),
     /// A record has no JSON form.
     #[error("the audit record cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -141,6 +160,7 @@ pub enum ExportError {
 impl Hint for ExportError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
+            Self::Store(error) => error.hint(),
             Self::Read(_) | Self::Write(_) | Self::Json(_) => None,
         }
     }
@@ -174,7 +194,7 @@ pub(crate) fn export(
 }
 
 /// JSON text with everything but printable ASCII as `\u` escapes; the same value.
-fn ascii_json(json: &str) -> String {
+pub(crate) fn ascii_json(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for character in json.chars() {
         if matches!(character, ' '..='~') {

@@ -229,6 +229,14 @@ pub enum Change {
         digest: Digest,
         rows: u64,
     },
+    /// A folder elsewhere gets every checkpoint from now on, or no more.
+    SetWitness {
+        /// Absolute.
+        folder: String,
+        present: bool,
+        /// Who asked for it, as the system says, JSON text.
+        by: String,
+    },
     /// An alarm as it now stands.
     AlarmChange {
         alarm: String,
@@ -248,7 +256,8 @@ impl Change {
             Self::RegisterVersion(_)
             | Self::PutApproval(_)
             | Self::ConsumeApproval { .. }
-            | Self::SetContext { .. } => true,
+            | Self::SetContext { .. }
+            | Self::SetWitness { .. } => true,
             Self::SetState { from, to, .. } => match to {
                 State::Registered | State::Validated | State::Sandboxed | State::Shadowed => true,
                 // The predecessor takes over again.

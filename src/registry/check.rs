@@ -8,18 +8,21 @@ use rusqlite::Connection;
 
 use super::checkpoint::{Kept, read_all};
 use super::compare::{check_approvals, compare};
+use super::copies::ChainAt;
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
-use super::open::{damaged, not_the_chain, open_reader, quick_check, unsigned};
+use super::open::{against, damaged, not_the_chain, open_reader, quick_check, unsigned};
 use super::replay::columns_otherwise;
 use super::rows::ChainedTable;
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
 use super::snapshot;
+use super::witness::{self, Problems};
 use holdpoint_approvals::keyfile;
+use holdpoint_governance::ids::Digest;
 
 /// The most records that are applied once more only to name the columns of a row that differ.
 const RECORDS_REPLAYED_MAX: u64 = 20_000;
@@ -28,7 +31,11 @@ const RECORDS_REPLAYED_MAX: u64 = 20_000;
 ///
 /// # Errors
 /// [`StoreError::Refused`] with the first thing that is wrong.
-pub(crate) fn check_existing(layout: &Layout, key: &VerifyingKey) -> Result<Fold, StoreError> {
+pub(crate) fn check_existing(
+    layout: &Layout,
+    key: &VerifyingKey,
+    problems: &Problems,
+) -> Result<Fold, StoreError> {
     let database = layout.database();
     let connection = open_reader(&database, &STORE)?;
     let store_id = store_id(&connection, &database)?;
@@ -38,7 +45,21 @@ pub(crate) fn check_existing(layout: &Layout, key: &VerifyingKey) -> Result<Fold
     check_newest_checkpoint(&fold, layout, &kept, (&store_id, key))?;
     check_signed(&fold, &connection, layout, &kept, (&store_id, key))?;
     check_tables(&fold, &connection, &database, &store_id)?;
+    let chain_at = |seq: u64| chain_at(&fold, &connection, seq);
+    witness::ask_all(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
+        .map_err(|(file, problem)| against(&database, &file, &problem))?;
     Ok(fold)
+}
+
+/// What the chain has at a record, also at one that a snapshot stands for.
+fn chain_at(fold: &Fold, connection: &Connection, seq: u64) -> Option<ChainAt> {
+    let hash = fold.hash(seq).or_else(|| {
+        let row = connection.query_row("SELECT hash FROM audit WHERE seq = ?1", [seq], |row| row.get(0));
+        row.ok().map(Digest::from_bytes)
+    })?;
+    // The writer sends the newest head at once; of the end the root is at hand.
+    let root = (seq == fold.end().seq).then(|| fold.tree().root());
+    Some(ChainAt { hash, root })
 }
 
 /// Opens a store for somebody who shows what its tables hold or takes decisions by it; they are what its chain says.

@@ -23,6 +23,8 @@ const DOMAIN: &str = "holdpoint/checkpoint/v1";
 const DOMAIN_WITH_FOLD: &str = "holdpoint/checkpoint/v2";
 /// Domain tag of a checkpoint that follows from another.
 const DOMAIN_LINKED: &str = "holdpoint/checkpoint/v3";
+/// Domain tag of a checkpoint that holds the head of the tree over the records.
+const DOMAIN_TREE: &str = "holdpoint/checkpoint/v4";
 /// Domain tag of a checkpoint's own digest.
 const DOMAIN_DIGEST: &str = "holdpoint/checkpoint-digest/v1";
 /// What the first checkpoint of a store follows from.
@@ -32,7 +34,7 @@ pub(crate) const EVERY_RECORDS: u64 = 256;
 /// Checkpoints kept; older ones are removed. Where there are fewer, the first of all is there.
 const KEPT_MAX: usize = 1000;
 /// The largest checkpoint file, bytes.
-const FILE_BYTES_MAX: u64 = 4096;
+pub(crate) const FILE_BYTES_MAX: u64 = 4096;
 
 /// Where a checkpoint stands among the checkpoints of its store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,6 +47,15 @@ pub struct Link {
     /// A rebuild went on although some of those before were missing.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub gap: bool,
+    /// How many checkpoints of earlier versions, which follow from nothing, lay there when the first was made that
+    /// follows.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub earlier: u64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl Link {
@@ -55,7 +66,23 @@ impl Link {
             number: newest.map_or(0, Checkpoint::number) + 1,
             previous: newest.map_or(NONE_BEFORE, Checkpoint::digest),
             gap: false,
+            earlier: newest.and_then(|newest| newest.link.as_ref()).map_or(0, |link| link.earlier),
         }
+    }
+
+    /// What follows from these checkpoints, oldest first. Counts those of earlier versions where none did so before.
+    pub(crate) fn after_all(kept: &[Kept]) -> Self {
+        let newest = kept.last().map(|kept| &kept.checkpoint);
+        let link = Self::after(newest);
+        if newest.is_some_and(|newest| newest.root.is_some()) {
+            return link;
+        }
+        Self { earlier: count_earlier(kept), ..link }
+    }
+
+    /// Whether both stand at the same place and follow from the same one.
+    fn is_at(&self, other: &Self) -> bool {
+        (self.number, self.previous) == (other.number, other.previous)
     }
 }
 
@@ -74,14 +101,23 @@ pub struct Checkpoint {
     /// Absent in checkpoints of earlier versions, which followed from nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub link: Option<Link>,
+    /// Root of the Merkle tree over the records up to `seq` (RFC 9162). Absent in checkpoints of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub root: Option<Digest>,
     /// ed25519 signature, 128 hexadecimal digits.
     pub signature: String,
 }
 
 impl Checkpoint {
-    /// Signs the end of a chain.
+    /// Signs the end of a chain, whose records have a tree with this root.
     #[must_use]
-    pub fn sign(store_id: &str, head: Head, link: Link, fold: Option<Digest>, key: &SigningKey) -> Self {
+    pub fn sign(
+        store_id: &str,
+        (head, root): (Head, Digest),
+        link: Link,
+        fold: Option<Digest>,
+        key: &SigningKey,
+    ) -> Self {
         let mut checkpoint = Self {
             store_id: store_id.to_owned(),
             seq: head.seq,
@@ -89,6 +125,7 @@ impl Checkpoint {
             head: head.hash,
             fold,
             link: Some(link),
+            root: Some(root),
             signature: String::new(),
         };
         checkpoint.signature = hex(&key.sign(checkpoint.bytes().bytes()).to_bytes());
@@ -101,6 +138,11 @@ impl Checkpoint {
         if let Some(link) = &self.link {
             let (number, gap) = (link.number.to_le_bytes(), [u8::from(link.gap)]);
             let fold: &[u8] = self.fold.as_ref().map_or(&[], |fold| fold.bytes());
+            if let Some(root) = &self.root {
+                let earlier = link.earlier.to_le_bytes();
+                let linked = [number.as_slice(), link.previous.bytes(), &gap, &earlier, root.bytes(), fold];
+                return Digest::of_parts(DOMAIN_TREE, &[end.as_slice(), &linked].concat());
+            }
             let parts = [end[0], end[1], end[2], end[3], &number, link.previous.bytes(), &gap, fold];
             return Digest::of_parts(DOMAIN_LINKED, &parts);
         }
@@ -123,12 +165,15 @@ impl Checkpoint {
     }
 
     fn goes_on(&self, before: Option<&Self>) -> Result<(), String> {
+        if self.root.is_none() && before.is_some_and(|before| before.root.is_some()) {
+            return Err("it has no tree head, although the one before has".to_owned());
+        }
         match &self.link {
             None => match before {
                 Some(before) if before.link.is_some() => Err("it follows from no other".to_owned()),
                 Some(_) | None => Ok(()),
             },
-            Some(link) if link.gap || *link == Link::after(before) => Ok(()),
+            Some(link) if link.gap || link.is_at(&Link::after(before)) => Ok(()),
             Some(link) if link.number > before.map_or(0, Self::number) + 1 => {
                 Err(format!("checkpoint number {}, which was before it, is missing", link.number - 1))
             }
@@ -216,7 +261,27 @@ pub(crate) fn check_links(kept: &[Kept]) -> Result<(), BadFile> {
             .goes_on(before.map(|before| &before.checkpoint))
             .map_err(|problem| BadFile { file: file.clone(), problem })?;
     }
-    Ok(())
+    let counted = kept.iter().rev().find_map(|it| it.checkpoint.link.as_ref().map(|link| (it, link)));
+    match counted {
+        Some((newest, link)) => {
+            check_earlier(link, kept).map_err(|problem| BadFile { file: newest.file.clone(), problem })
+        }
+        None => Ok(()),
+    }
+}
+
+/// How many checkpoints follow from nothing: those of earlier versions.
+pub(crate) fn count_earlier(kept: &[Kept]) -> u64 {
+    kept.iter().filter(|kept| kept.checkpoint.link.is_none()).count() as u64
+}
+
+/// The checkpoints of earlier versions that were counted are there, but for what was removed for age.
+fn check_earlier(link: &Link, kept: &[Kept]) -> Result<(), String> {
+    let there = count_earlier(kept);
+    if link.gap || there >= link.earlier || kept.len() >= KEPT_MAX {
+        return Ok(());
+    }
+    Err(format!("there are {there} checkpoints of earlier versions; one is missing of {}", link.earlier))
 }
 
 /// The signed end in the database follows from the newest checkpoint, or is the newest one.
@@ -225,7 +290,8 @@ pub(crate) fn check_newest(end: &Checkpoint, kept: &[Kept]) -> Result<(), String
     match newest {
         Some(newest) if newest.link == end.link && (newest.seq, newest.head) == (end.seq, end.head) => Ok(()),
         Some(_) | None => end.goes_on(newest),
-    }
+    }?;
+    end.link.as_ref().map_or(Ok(()), |link| check_earlier(link, kept))
 }
 
 /// The file name of a record's checkpoint.
@@ -256,7 +322,7 @@ mod tests {
         for seq in 1..=count {
             let link = Link::after(kept.last().map(|kept| &kept.checkpoint));
             let head = Head { seq, hash: Digest::from_bytes([1; 32]), at_ms: seq };
-            let checkpoint = Checkpoint::sign("a", head, link, None, &key);
+            let checkpoint = Checkpoint::sign("a", (head, Digest::from_bytes([3; 32])), link, None, &key);
             kept.push(Kept { file: name(seq), checkpoint });
         }
         kept
@@ -282,7 +348,7 @@ mod tests {
     fn every_part_is_signed() {
         let key = SigningKey::from_bytes(&[7; 32]);
         let whole = chain(2).remove(1).checkpoint;
-        let edits: [fn(&mut Checkpoint); 8] = [
+        let edits: [fn(&mut Checkpoint); 12] = [
             |c| c.store_id = "b".into(),
             |c| c.seq = 9,
             |c| c.at_ms = 9,
@@ -291,6 +357,10 @@ mod tests {
             |c| c.link = None,
             |c| c.link.as_mut().unwrap().number = 9,
             |c| c.link.as_mut().unwrap().gap = true,
+            |c| c.link.as_mut().unwrap().earlier = 1,
+            |c| c.link.as_mut().unwrap().previous = Digest::from_bytes([2; 32]),
+            |c| c.root = Some(Digest::from_bytes([2; 32])),
+            |c| c.root = None,
         ];
         assert!(whole.is_signed_by(&key.verifying_key()));
         for (index, edit) in edits.into_iter().enumerate() {

@@ -2,12 +2,13 @@
 //!
 //! Checks the links while it reads. Whether the tables are like it is for [`compare`](super::compare).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rusqlite::Connection;
 use serde::Deserialize;
 
 use super::audit::{Head, for_each, head};
+use super::merkle::Frontier;
 use super::names::is_own;
 use super::rows::{ChainedTable, RowName};
 use holdpoint_governance::ids::Digest;
@@ -51,7 +52,7 @@ impl From<rusqlite::Error> for FoldError {
 }
 
 /// Before the first record.
-const START: Head = Head { seq: 0, hash: Digest::from_bytes([0; 32]), at_ms: 0 };
+pub(crate) const START: Head = Head { seq: 0, hash: Digest::from_bytes([0; 32]), at_ms: 0 };
 
 /// A batch of telemetry the chain vouches for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +76,8 @@ pub(crate) struct FoldParts<'a> {
     pub(crate) rows: &'a BTreeMap<RowName, Vouched>,
     pub(crate) states: &'a BTreeMap<String, (State, u64)>,
     pub(crate) order: &'a [String],
+    pub(crate) tree: &'a Frontier,
+    pub(crate) witnesses: &'a BTreeSet<String>,
 }
 
 /// What the chain says.
@@ -91,6 +94,13 @@ pub(crate) struct Fold {
     order: Vec<String>,
     /// Of the records that were read.
     hashes: Vec<Digest>,
+    /// The tree over all records, those before `since` included; it follows once records were read.
+    tree: Frontier,
+    /// Folders that get every checkpoint.
+    witnesses: BTreeSet<String>,
+    /// Sizes of the tree whose roots are wanted, and those roots.
+    noted: BTreeSet<u64>,
+    roots: BTreeMap<u64, Digest>,
     pub(crate) batches: Vec<SealedBatch>,
 }
 
@@ -115,6 +125,12 @@ struct RegisteredRow {
 }
 
 #[derive(Deserialize)]
+struct WitnessSet {
+    folder: String,
+    present: bool,
+}
+
+#[derive(Deserialize)]
 struct TelemetrySealed {
     batch: u64,
     digest: Digest,
@@ -131,6 +147,10 @@ impl Fold {
             sets: BTreeMap::new(),
             order: Vec::new(),
             hashes: Vec::new(),
+            tree: Frontier::empty(),
+            witnesses: BTreeSet::new(),
+            noted: BTreeSet::new(),
+            roots: BTreeMap::new(),
             batches: Vec::new(),
         }
     }
@@ -138,6 +158,13 @@ impl Fold {
     /// Reads the whole chain.
     pub(crate) fn read(connection: &Connection) -> Result<Self, FoldError> {
         let mut fold = Self::empty();
+        fold.go_on(connection)?;
+        Ok(fold)
+    }
+
+    /// As [`Self::read`], with the roots of the tree at these sizes.
+    pub(crate) fn read_noting(connection: &Connection, sizes: BTreeSet<u64>) -> Result<Self, FoldError> {
+        let mut fold = Self { noted: sizes, ..Self::empty() };
         fold.go_on(connection)?;
         Ok(fold)
     }
@@ -150,12 +177,60 @@ impl Fold {
 
     /// Reads the records that came since, wherever the store says that they end.
     pub(crate) fn read_records(&mut self, connection: &Connection) -> Result<(), FoldError> {
-        for_each(connection, self.end.seq + 1, |record| self.push(&record).map_err(FoldError::Fault)).map_err(
-            |error| match error {
-                FoldError::Read { source, .. } => FoldError::Read { seq: self.end.seq + 1, source },
-                fault @ FoldError::Fault(_) => fault,
-            },
-        )
+        let read =
+            for_each(connection, self.end.seq + 1, |record| self.push(&record).map_err(FoldError::Fault));
+        self.grow_tree();
+        read.map_err(|error| match error {
+            FoldError::Read { source, .. } => FoldError::Read { seq: self.end.seq + 1, source },
+            fault @ FoldError::Fault(_) => fault,
+        })
+    }
+
+    /// Takes the records that were read into the tree.
+    fn grow_tree(&mut self) {
+        let known = usize::try_from(self.tree.size() - self.since.seq).unwrap_or(usize::MAX);
+        for hash in self.hashes.iter().skip(known) {
+            self.tree.push(hash);
+            if self.noted.contains(&self.tree.size()) {
+                self.roots.insert(self.tree.size(), self.tree.root());
+            }
+        }
+    }
+
+    /// The tree over all records.
+    pub(crate) const fn tree(&self) -> &Frontier {
+        &self.tree
+    }
+
+    /// The root of the tree of the first `size` records, `None` if there are fewer, or if they were not all read.
+    pub(crate) fn root(&self, size: u64) -> Option<Digest> {
+        if size == self.tree.size() {
+            return Some(self.tree.root());
+        }
+        self.roots.get(&size).copied().or_else(|| {
+            let read = self.hashes.get(..usize::try_from(size).ok()?)?;
+            (self.since.seq == 0).then(|| super::merkle::root(read))
+        })
+    }
+
+    /// Notes the roots of the tree at more sizes. Of a fold of the whole chain.
+    pub(crate) fn note_roots(&mut self, mut sizes: BTreeSet<u64>) {
+        sizes.retain(|size| !self.roots.contains_key(size) && *size < self.tree.size());
+        if self.since.seq > 0 || sizes.is_empty() {
+            return;
+        }
+        let mut tree = Frontier::empty();
+        for hash in &self.hashes {
+            tree.push(hash);
+            if sizes.contains(&tree.size()) {
+                self.roots.insert(tree.size(), tree.root());
+            }
+        }
+    }
+
+    /// Folders that get every checkpoint.
+    pub(crate) const fn witnesses(&self) -> &BTreeSet<String> {
+        &self.witnesses
     }
 
     /// The chain ends where the store says.
@@ -185,15 +260,23 @@ impl Fold {
 
     /// What a snapshot keeps of it.
     pub(crate) fn parts(&self) -> FoldParts<'_> {
-        FoldParts { end: self.end, rows: &self.rows, states: &self.states, order: &self.order }
+        FoldParts {
+            end: self.end,
+            rows: &self.rows,
+            states: &self.states,
+            order: &self.order,
+            tree: &self.tree,
+            witnesses: &self.witnesses,
+        }
     }
 
     /// A fold that goes on where a snapshot ended.
-    pub(crate) const fn from_parts(
+    pub(crate) fn from_parts(
         end: Head,
         rows: BTreeMap<RowName, Vouched>,
         states: BTreeMap<String, (State, u64)>,
         order: Vec<String>,
+        (tree, witnesses): (Frontier, BTreeSet<String>),
     ) -> Self {
         Self {
             end,
@@ -203,6 +286,10 @@ impl Fold {
             sets: BTreeMap::new(),
             order,
             hashes: Vec::new(),
+            tree,
+            witnesses,
+            noted: BTreeSet::new(),
+            roots: BTreeMap::new(),
             batches: Vec::new(),
         }
     }
@@ -282,6 +369,14 @@ impl Fold {
                 let row_version = set.expected_row_version + 1;
                 self.sets.insert(seq, (set.version.clone(), row_version));
                 self.states.insert(set.version, (set.to, row_version));
+            }
+            RecordKind::WitnessSet => {
+                let set: WitnessSet = serde_json::from_value(body.change).map_err(unreadable)?;
+                if set.present {
+                    self.witnesses.insert(set.folder);
+                } else {
+                    self.witnesses.remove(&set.folder);
+                }
             }
             RecordKind::TelemetrySealed => {
                 let sealed: TelemetrySealed = serde_json::from_value(body.change).map_err(unreadable)?;

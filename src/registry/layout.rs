@@ -172,6 +172,24 @@ impl EngineLock {
     }
 }
 
+/// Who has a store, `None` if nobody has. A lock that this takes to see it is given back at once.
+pub(crate) fn lock_owner(layout: &Layout) -> Result<Option<String>, StoreError> {
+    let folder = File::open(layout.folder()).map_err(StoreError::io("open", layout.folder()))?;
+    match folder.try_lock_shared() {
+        Ok(()) => {
+            drop(folder.unlock());
+            Ok(None)
+        }
+        Err(TryLockError::WouldBlock) => {
+            let mut owner = String::new();
+            let read = File::open(layout.lock()).and_then(|file| file.take(200).read_to_string(&mut owner));
+            let known = read.is_ok() && owner.starts_with("process ");
+            Ok(Some(if known { owner.trim_end().to_owned() } else { "another process".to_owned() }))
+        }
+        Err(TryLockError::Error(source)) => Err(StoreError::io("lock", layout.folder())(source)),
+    }
+}
+
 /// Forces a folder's entries to disk.
 pub(crate) fn sync_folder(path: &Path) -> Result<(), StoreError> {
     File::open(path).and_then(|folder| folder.sync_all()).map_err(StoreError::io("write the folder", path))

@@ -9,22 +9,28 @@ mod activate;
 mod apply;
 mod approve;
 mod audit;
+mod backup;
 mod change;
 mod check;
 mod checkpoint;
 mod columns;
 mod compare;
+mod copies;
 mod entries;
 mod error;
+mod exported;
 pub mod failpoint;
 mod fold;
+mod info;
 mod invariants;
 mod kept;
 mod layout;
 mod lost;
+mod merkle;
 mod migrate;
 pub mod names;
 mod open;
+mod proof;
 mod rebuild;
 mod recovery;
 mod replay;
@@ -37,8 +43,10 @@ mod telemetry;
 mod verify;
 mod version;
 mod views;
+mod witness;
 
 pub use audit::{ExportError, Head};
+pub use backup::{BackupError, BackupParts, BackupReport, backup};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NewVersion,
     Receipt, TEXT_BYTES_MAX, Transaction,
@@ -49,13 +57,17 @@ pub use entries::{
     VersionDetail, VersionFilter,
 };
 pub use error::StoreError;
+pub use exported::{ExportReport, export_store, is_exported, verify_export};
+pub use info::{Looked, StoreInfo, check_store, store_info};
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use kept::{Found, KeptCells, KeptSecret};
 pub use layout::{Layout, utc};
 pub use lost::{DifferingRow, Rebuilt};
+pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, prove_record};
 pub use rebuild::rebuild;
 pub use recovery::Interrupted;
 pub use store::{Opening, Store};
 pub use telemetry::{Batch, BatchReceipt, EpisodeKey, NumberedBatch, TelemetryLimits, TelemetryViews};
-pub use verify::{MissingBatches, VerifyError, VerifyReport, verify};
+pub use verify::{Judged, MissingBatches, VerifyError, VerifyReport, verify, verify_against};
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};
+pub use witness::{WITNESSES_MAX, add_witness, look_at_witness, remove_witness, witnesses};

@@ -21,6 +21,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::ContextSet
         | RecordKind::TelemetrySealed
         | RecordKind::AlarmChanged
+        | RecordKind::WitnessSet
         | RecordKind::StoreRebuilt => true,
         RecordKind::ProfileLoaded
         | RecordKind::Decision

@@ -27,6 +27,8 @@ const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another 
 pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` makes the tables anew from the audit chain and keeps this file beside them";
 /// What helps where the chain is whole and its checkpoints are not.
 pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; `holdpoint store rebuild --from-chain` takes the chain as it is, on record";
+/// What helps where somebody else has a newer head of the chain, or another one.
+const HINT_WITNESS: &str = "put the newer store back; if its records are lost for good, move the witness's files of this store elsewhere and start again";
 /// What helps with a file that is not ours.
 const HINT_FOREIGN: &str = "choose another folder with --data";
 
@@ -77,6 +79,17 @@ pub(crate) fn open_reader(path: &Path, schema: &Schema) -> Result<Connection, St
     let connection = open_read_only(path)?;
     set(&connection, "query_only", "1", "1")?;
     Ok(connection)
+}
+
+/// Copies a database, as it is at one moment, into a new file.
+pub(crate) fn copy_into(path: &Path, schema: &Schema, to: &Path) -> Result<(), StoreError> {
+    check_library()?;
+    if !file_id(path).is_some_and(|id| written_here().contains(&id)) {
+        check_header(path, schema)?;
+    }
+    let connection = open_read_only(path)?;
+    let name = to.to_str().ok_or_else(|| StoreError::invalid("copy", to.display(), "a name in UTF-8"))?;
+    connection.execute("VACUUM INTO ?1", [name]).map(drop).map_err(StoreError::sql("copy its database"))
 }
 
 /// Device and number of a file.
@@ -318,6 +331,15 @@ pub(crate) fn quick_check(connection: &Connection) -> Result<(), String> {
         Ok(answer) => Err(format!("it is damaged: {answer}")),
         Err(error) => Err(format!("it is damaged: {error}")),
     }
+}
+
+/// A store that a head kept elsewhere speaks against.
+pub(crate) fn against(path: &Path, file: &str, problem: &str) -> StoreError {
+    refused(
+        path,
+        &format!("the head that a witness keeps in {file:?} speaks against it: {problem}"),
+        HINT_WITNESS,
+    )
 }
 
 /// A file that is damaged or cut short.

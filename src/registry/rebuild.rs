@@ -22,12 +22,13 @@ use super::change::Receipt;
 use super::check::{
     check_newest_checkpoint, check_signed, check_tables, checked_records, kept_checkpoints, refused_chain,
 };
-use super::checkpoint::{Checkpoint, Kept, Link, check_links, check_newest};
+use super::checkpoint::{Checkpoint, Kept, Link, check_links, check_newest, count_earlier};
 use super::compare::{compare, differing};
 use super::error::StoreError;
 use super::fold::Fold;
 use super::layout::{EngineLock, Layout, sync_folder};
 use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
+use super::merkle::Frontier;
 use super::migrate::STORE;
 use super::open::{HINT_REBUILD, HINT_UNSIGNED, damaged, make, open_reader, remove_database, truncate_log};
 use super::replay::{NotApplied, replay};
@@ -93,7 +94,8 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     let rebuilt = fill(&mut made, &damaged_store, &fold, (&store_id, told), wall_ms);
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
     let head = audit::head(&made).map_err(StoreError::sql("read the audit chain"))?;
-    let end = Checkpoint::sign(&store_id, head, link, None, &key);
+    let root = audit::tree_after(&made, &Frontier::empty())?.root();
+    let end = Checkpoint::sign(&store_id, (head, root), link, None, &key);
     signed::write(&made, &end).inspect_err(|_| drop(remove_database(&part)))?;
     made.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
     drop(damaged_store);
@@ -129,9 +131,10 @@ fn signed_before(
     let newest = kept.last().map(|kept| &kept.checkpoint);
     let end = signed::valid(damaged_store, store_id, Some(key)).ok().flatten();
     let whole = check_links(kept).is_ok() && end.as_ref().is_none_or(|end| check_newest(end, kept).is_ok());
-    let mut link = Link::after(newest);
+    let mut link = Link::after_all(kept);
     if !whole {
         link.gap = true;
+        link.earlier = count_earlier(kept);
         link.number = link.number.max(end.as_ref().map_or(0, Checkpoint::number) + 1);
     }
     let signed_to = newest.into_iter().chain(&end).map(|signed| signed.seq).max().unwrap_or(0);

@@ -98,6 +98,7 @@ impl Applier<'_> {
             | Change::PutApproval(_)
             | Change::SetContext { .. }
             | Change::SealTelemetry { .. }
+            | Change::SetWitness { .. }
             | Change::AlarmChange { .. } => self.change(change),
         };
         touched.map(drop)

@@ -132,7 +132,7 @@ pub(crate) fn rows_of(change: &Change, seq: u64) -> Vec<RowName> {
         Change::PutApproval(signed) => vec![(T::Approval, signed.approval().nonce.to_string())],
         Change::ConsumeApproval { nonce, .. } => vec![(T::Approval, nonce.clone())],
         Change::SetContext { .. } => vec![(T::Context, "1".to_owned())],
-        Change::SealTelemetry { .. } => Vec::new(),
+        Change::SealTelemetry { .. } | Change::SetWitness { .. } => Vec::new(),
         Change::AlarmChange { alarm, .. } => vec![(T::Alarm, alarm.clone())],
     }
 }

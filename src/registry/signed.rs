@@ -78,17 +78,23 @@ pub(crate) fn check_end(
 ) -> Result<Option<Checkpoint>, Unsigned> {
     let last = fold.end().seq;
     let Some(end) = valid(connection, store_id, key)? else {
-        // An earlier version signed checkpoints alone.
-        let earlier = kept.last().is_some_and(|kept| kept.checkpoint.link.is_none());
-        if last == 0 || earlier {
-            return Ok(None);
-        }
-        let problem = format!("nobody signed where the audit chain ends, at record {last}");
+        // An earlier version signed checkpoints alone, the last of them at its end.
+        let earlier = kept.last().filter(|kept| kept.checkpoint.link.is_none());
+        let signed_to = earlier.map(|kept| kept.checkpoint.seq);
+        let problem = match signed_to {
+            _ if last == 0 => return Ok(None),
+            Some(seq) if seq == last => return Ok(None),
+            Some(seq) => format!("nobody signed the records after {seq}"),
+            None => format!("nobody signed where the audit chain ends, at record {last}"),
+        };
         return Err(Unsigned::Signature(problem));
     };
     // A store that has signed no record yet is signed as empty by nothing.
     if fold.hash(end.seq) == Some(end.head) || (end.seq == 0 && last == 0) {
         if end.seq == last {
+            if end.root.is_some() && end.root != fold.root(end.seq) {
+                return Err(Unsigned::Signature("its tree head is not the one of these records".to_owned()));
+            }
             return Ok(Some(end));
         }
         return Err(Unsigned::Signature(format!("nobody signed the records after {}", end.seq)));

@@ -1,9 +1,10 @@
 //! Snapshots of the fold, so that the start of a store with a long chain need not read all of it.
 //!
 //! A snapshot lies beside the checkpoint of the same record, and the checkpoint's signature covers its digest. One
-//! that is missing, damaged or of another store is no snapshot: the chain is read from its first record. Records and
+//! that is missing, damaged, of another store or of an earlier version is no snapshot: the chain is read from its first record. Records and
 //! receipts before a snapshot are not read at a start; `audit verify` and a rebuild read them always.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::Read;
 use std::path::Path;
@@ -17,12 +18,13 @@ use super::checkpoint::{self, Checkpoint};
 use super::error::StoreError;
 use super::fold::{Fold, FoldParts, Vouched};
 use super::layout::write_atomically;
+use super::merkle::Frontier;
 use super::rows::ChainedTable;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 
 /// Domain tag of a snapshot's digest.
-const DOMAIN: &str = "holdpoint/fold-snapshot/v1";
+const DOMAIN: &str = "holdpoint/fold-snapshot/v2";
 /// Records between two snapshots; a chain that is shorter is read as a whole.
 pub(crate) const EVERY_RECORDS: u64 = 32_768;
 /// The largest snapshot that is written or read, bytes.
@@ -40,6 +42,8 @@ struct File {
     rows: Vec<(String, String, Digest, u64)>,
     states: Vec<(String, State, u64)>,
     order: Vec<String>,
+    tree: Frontier,
+    witnesses: BTreeSet<String>,
 }
 
 /// Writes a snapshot and removes the earlier ones. Tells its digest, which a checkpoint has to cover; `None` if it
@@ -48,7 +52,7 @@ struct File {
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreError> {
-    let FoldParts { end, rows, states, order } = fold.parts();
+    let FoldParts { end, rows, states, order, tree, witnesses } = fold.parts();
     let file = File {
         seq: end.seq,
         hash: end.hash,
@@ -59,6 +63,8 @@ pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreE
             .collect(),
         states: states.iter().map(|(name, (state, version))| (name.clone(), *state, *version)).collect(),
         order: order.to_vec(),
+        tree: tree.clone(),
+        witnesses: witnesses.clone(),
     };
     let bytes =
         serde_json::to_vec(&file).map_err(|error| StoreError::invalid("fold snapshot", end.seq, error))?;
@@ -96,6 +102,9 @@ pub(crate) fn read(
         .query_row("SELECT hash FROM audit WHERE seq = ?1", [seq], |row| row.get(0))
         .optional()
         .ok()?;
+    if !file.tree.is_of(seq) || checkpoint.root != Some(file.tree.root()) {
+        return None;
+    }
     if (end.seq, end.hash) != (seq, checkpoint.head) || there != Some(*end.hash.bytes()) {
         return None;
     }
@@ -104,7 +113,7 @@ pub(crate) fn read(
         rows.insert((ChainedTable::named(&table)?, key), Vouched { digest, seq });
     }
     let states = file.states.into_iter().map(|(name, state, version)| (name, (state, version))).collect();
-    Some(Fold::from_parts(end, rows, states, file.order))
+    Some(Fold::from_parts(end, rows, states, file.order, (file.tree, file.witnesses)))
 }
 
 /// A file's bytes, if there are not too many.

@@ -30,6 +30,7 @@ use super::signed;
 use super::snapshot;
 use super::telemetry::{Batch, BatchReceipt, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
+use super::witness::{Problems, Senders};
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::Digest;
 
@@ -61,6 +62,7 @@ pub struct Store {
     telemetry: Arc<Mutex<TelemetryFile>>,
     cells: KeptCells,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
+    witness_problems: Problems,
     altered: Arc<Mutex<Option<String>>>,
     layout: Layout,
     store_id: String,
@@ -95,7 +97,9 @@ impl Store {
             return Err(damaged(&layout.database(), problem));
         }
         let key = store_key(&layout, created)?;
-        let fold = if created { Fold::empty() } else { check_existing(&layout, &key.verifying_key())? };
+        let problems = Problems::default();
+        let fold =
+            if created { Fold::empty() } else { check_existing(&layout, &key.verifying_key(), &problems)? };
         let (connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
         let store_id = store_id(&connection, &layout.database())?;
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
@@ -103,12 +107,18 @@ impl Store {
         let telemetry = Arc::new(Mutex::new(TelemetryFile::open(&layout.telemetry(), limits)?));
         let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_file(&layout.cell_key())?);
         let public_key = key.verifying_key();
-        let link = sign_on(&connection, &layout, (&store_id, head), &key)?;
+        let link = sign_on(&connection, &layout, (&store_id, &fold), &key)?;
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
         let checkpoint_problem = Arc::new(Mutex::new(None));
         let altered = Arc::new(Mutex::new(None));
+        let mut senders = Senders::new(problems.clone());
+        senders.set(fold.witnesses().iter(), &store_id);
+        if let Ok(Some(end)) = signed::read(&connection) {
+            senders.send(&end);
+        }
         let writer = StoreWriter {
             connection,
+            senders,
             store_id: store_id.clone(),
             key,
             checkpoints: layout.checkpoints(),
@@ -132,6 +142,7 @@ impl Store {
             telemetry,
             cells,
             checkpoint_problem,
+            witness_problems: problems,
             altered,
             layout,
             store_id,
@@ -177,10 +188,11 @@ impl Store {
         &self.opening
     }
 
-    /// Why the last checkpoint could not be written, if so. The records themselves are on disk.
+    /// Why the last checkpoint could not be written here or at a witness, if so. The records themselves are on disk.
     #[must_use]
     pub fn checkpoint_problem(&self) -> Option<String> {
-        self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        let own = self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        own.or_else(|| self.witness_problems.all().into_iter().next())
     }
 
     /// What another program did to the database of this engine, if a write found anything: nothing must be decided on
@@ -282,6 +294,7 @@ struct StoreWriter {
     checkpointed_seq: u64,
     /// Of the next checkpoint.
     link: Link,
+    senders: Senders,
     /// The record of the last snapshot of the fold.
     snapshot_seq: u64,
     checkpoint_problem: Arc<Mutex<Option<String>>>,
@@ -297,10 +310,16 @@ impl StoreWriter {
             let result = self.commit(&transaction).map(|(receipt, head)| {
                 let moved =
                     transaction.changes.iter().any(|change| matches!(change, Change::SetActive { .. }));
+                let witness =
+                    transaction.changes.iter().any(|change| matches!(change, Change::SetWitness { .. }));
                 if head.seq > self.checkpointed_seq
-                    && (moved || head.seq >= self.checkpointed_seq + EVERY_RECORDS)
+                    && (moved || witness || head.seq >= self.checkpointed_seq + EVERY_RECORDS)
                 {
+                    // The last that a witness gets is the head under which its removal is on record.
                     self.checkpoint(head);
+                }
+                if witness {
+                    self.senders.set(self.fold.witnesses().iter(), &self.store_id);
                 }
                 end = Some(head);
                 receipt
@@ -333,7 +352,8 @@ impl StoreWriter {
         let place = ApprovalBasis { store_id: &self.store_id, identities: &self.identities };
         let answer = apply(&tx, transaction, place, &self.fold)?;
         if answer.1.seq > self.fold.end().seq {
-            let end = Checkpoint::sign(&self.store_id, answer.1, self.link.clone(), None, &self.key);
+            let root = audit::tree_after(&tx, self.fold.tree())?.root();
+            let end = Checkpoint::sign(&self.store_id, (answer.1, root), self.link.clone(), None, &self.key);
             signed::write(&tx, &end)?;
         }
         tx.commit().map_err(StoreError::sql("commit a transaction"))?;
@@ -356,14 +376,23 @@ impl StoreWriter {
 
     /// Writes a checkpoint; a failure is kept for the engine to raise, the records are on disk.
     fn checkpoint(&mut self, head: Head) {
-        let written = self.snapshot(head).and_then(|fold| {
-            let checkpoint = Checkpoint::sign(&self.store_id, head, self.link.clone(), fold, &self.key);
+        let tree = self.fold.tree();
+        let root = if tree.size() == head.seq {
+            Ok(tree.root())
+        } else {
+            Err(StoreError::Altered(format!("the records up to {} could not be read back", head.seq)))
+        };
+        let written = root.and_then(|root| {
+            let fold = self.snapshot(head)?;
+            let checkpoint =
+                Checkpoint::sign(&self.store_id, (head, root), self.link.clone(), fold, &self.key);
             checkpoint.write(&self.checkpoints)?;
             Ok(checkpoint)
         });
         if let Ok(checkpoint) = &written {
             self.checkpointed_seq = head.seq;
             self.link = Link::after(Some(checkpoint));
+            self.senders.send(checkpoint);
         }
         *self.checkpoint_problem.lock().unwrap_or_else(PoisonError::into_inner) =
             written.err().map(|error| error.to_string());
@@ -403,15 +432,25 @@ fn check_others(connection: &Connection, fold: &Fold, compared: Option<i64>) -> 
 fn sign_on(
     connection: &Connection,
     layout: &Layout,
-    (store_id, head): (&str, Head),
+    (store_id, fold): (&str, &Fold),
     key: &SigningKey,
 ) -> Result<Link, StoreError> {
     let kept = kept_checkpoints(layout)?;
     let newest = kept.last().map(|kept| &kept.checkpoint);
     let unreadable = |problem: String| damaged(&layout.database(), &problem);
+    let link = Link::after_all(&kept);
     match signed::read(connection).map_err(unreadable)? {
-        None if head.seq > 0 => {
-            let end = Checkpoint::sign(store_id, head, Link::after(newest), None, key);
+        Some(end)
+            if end.root.is_none()
+                && end.link.as_ref().is_some_and(|link| link.gap)
+                && newest.is_none_or(|it| it.link != end.link) =>
+        {
+            end.write(&layout.checkpoints())?;
+            return sign_on(connection, layout, (store_id, fold), key);
+        }
+        found if found.as_ref().is_none_or(|end| end.root.is_none()) && fold.end().seq > 0 => {
+            let tree_head = (fold.end(), fold.tree().root());
+            let end = Checkpoint::sign(store_id, tree_head, link.clone(), None, key);
             signed::write(connection, &end)?;
         }
         Some(end)
@@ -423,7 +462,7 @@ fn sign_on(
         }
         None | Some(_) => {}
     }
-    Ok(Link::after(newest))
+    Ok(link)
 }
 
 /// The store's signing key; a new one only for a new store.

@@ -5,13 +5,15 @@
 
 use std::borrow::Cow;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use ed25519_dalek::VerifyingKey;
 use serde::Serialize;
 
-use super::checkpoint::{BadFile, Kept, read_all};
+use super::audit::head;
+use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
 use super::compare::{check_approvals, compare};
+use super::copies::{ChainAt, HeldCopy, check_copy, read_copies};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::{check_acknowledged, check_registry};
@@ -20,8 +22,20 @@ use super::open::open_reader;
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
 use super::telemetry::{BatchState, check_batch};
+use super::witness::folder_of;
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::Hint;
+
+/// What a store is judged by, beside itself.
+#[derive(Clone, Copy)]
+pub struct Judged<'a> {
+    /// The store's public key; without one no signature is checked.
+    pub key: Option<&'a VerifyingKey>,
+    /// Files and folders with signed heads that were kept elsewhere.
+    pub against: &'a [PathBuf],
+    /// Is told how far it is: what is looked at, how much of it was, and how much there is.
+    pub tell: &'a dyn Fn(&'static str, u64, u64),
+}
 
 /// What was found sound.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -31,8 +45,14 @@ pub struct VerifyReport {
     pub records: u64,
     /// Hash of the last one.
     pub head: Digest,
+    /// Root of the tree over all records (RFC 9162).
+    pub root: Digest,
     /// Checkpoints whose signature and record match.
     pub checkpoints: u64,
+    /// Heads kept elsewhere that are of this chain: those that were named, and those of its witnesses.
+    pub copies: u64,
+    /// Witnesses that could not be read, each with why.
+    pub witnesses_silent: Vec<String>,
     /// Whether a public key was given; without one, signatures of checkpoints were not checked.
     pub key_given: bool,
     /// Approvals whose signature matches.
@@ -88,6 +108,12 @@ pub enum VerifyError {
     Invariant(String),
     #[error("the checkpoint {file:?} is bad: {problem}")]
     Checkpoint { file: String, problem: String },
+    /// A signed head that was kept elsewhere, or the chain it speaks against.
+    #[error("the copy {file:?} speaks against it: {problem}")]
+    Copy { file: String, problem: String },
+    /// A line of an exported file that is no line of one.
+    #[error("line {line} is bad: {problem}")]
+    Line { line: u64, problem: String },
     /// What signs the end of the chain.
     #[error("the audit chain is not signed to its end: {0}")]
     Unsigned(String),
@@ -103,6 +129,25 @@ pub enum VerifyError {
     },
 }
 
+impl VerifyError {
+    /// The record that it names, if it is of one.
+    #[must_use]
+    pub const fn record(&self) -> Option<u64> {
+        match self {
+            Self::Record { seq, .. } | Self::Telemetry { seq, .. } => Some(*seq),
+            Self::Unreadable(_)
+            | Self::Damaged(_)
+            | Self::State { .. }
+            | Self::Invariant(_)
+            | Self::Checkpoint { .. }
+            | Self::Copy { .. }
+            | Self::Line { .. }
+            | Self::Unsigned(_)
+            | Self::Approval { .. } => None,
+        }
+    }
+}
+
 impl Hint for VerifyError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
@@ -112,6 +157,8 @@ impl Hint for VerifyError {
             | Self::State { .. }
             | Self::Invariant(_)
             | Self::Checkpoint { .. }
+            | Self::Copy { .. }
+            | Self::Line { .. }
             | Self::Unsigned(_)
             | Self::Approval { .. }
             | Self::Telemetry { .. } => None,
@@ -134,15 +181,26 @@ fn unreadable(source: rusqlite::Error) -> VerifyError {
 /// Verifies the store in this database file.
 ///
 /// # Errors
-/// [`VerifyError`], the first thing found: file, chain, state, invariants, checkpoints, approvals, telemetry.
+/// As [`verify_against`].
 pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
+    verify_against(database, &Judged { key: public_key, against: &[], tell: &|_, _, _| {} })
+}
+
+/// Verifies the store in this database file against heads of it that were kept elsewhere, too.
+///
+/// # Errors
+/// [`VerifyError`], the first thing found: file, chain, checkpoints, copies, end, state, invariants, approvals, telemetry.
+pub fn verify_against(database: &Path, judged: &Judged<'_>) -> Result<VerifyReport, VerifyError> {
+    let public_key = judged.key;
     let folder = database.parent().unwrap_or(Path::new("."));
     // Before the records: an engine may be writing both.
     let mut kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
     let connection = open_reader(database, &STORE)?;
     // One moment of the store: an engine may be writing to it.
     connection.execute_batch("BEGIN").map_err(unreadable)?;
-    let fold = Fold::read(&connection).map_err(|error| match error {
+    let sizes = kept.iter().map(|kept| kept.checkpoint.seq).collect();
+    (judged.tell)("records", 0, head(&connection).map_err(unreadable)?.seq);
+    let mut fold = Fold::read_noting(&connection, sizes).map_err(|error| match error {
         FoldError::Fault(fault) => of_fault(fault),
         FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
     })?;
@@ -162,6 +220,16 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
     }
     let checkpoints = check_checkpoints(&kept, &fold, &store_id, public_key)?;
     let by = (store_id.as_str(), public_key);
+    let mut copies = Vec::new();
+    for path in judged.against {
+        copies.extend(read_copies(path, &store_id).map_err(bad_copy)?);
+    }
+    let mut named = check_copies(&copies, &mut fold, by, |_| false)?;
+    let (of_witnesses, witnesses_silent) = heads_of_witnesses(&fold, &store_id);
+    // An engine may have written on since, and its witnesses may know.
+    let since = |copy: &HeldCopy| is_on_record(database, &copy.checkpoint);
+    named += check_copies(&of_witnesses, &mut fold, by, since)?;
+    let fold = fold;
     // A database that was copied away has neither checkpoints nor keys beside it.
     let alone = kept.is_empty() && !folder.join(KEYS).is_dir();
     let signed = match signed::read(&connection) {
@@ -191,7 +259,10 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
         store_id,
         records: fold.end().seq,
         head: fold.end().hash,
+        root: fold.tree().root(),
         checkpoints,
+        copies: named,
+        witnesses_silent,
         key_given: public_key.is_some(),
         approvals,
         batches: 0,
@@ -199,7 +270,7 @@ pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<Veri
         batches_unseen: 0,
         batches_missing: None,
     };
-    check_telemetry(&folder.join("telemetry.db"), &fold, &mut report)?;
+    check_telemetry(&folder.join("telemetry.db"), &fold, &mut report, judged.tell)?;
     Ok(report)
 }
 
@@ -227,7 +298,12 @@ fn check_checkpoints(
             return Err(bad("its signature does not match the public key".to_owned()));
         }
         match fold.hash(checkpoint.seq) {
-            Some(hash) if hash == checkpoint.head => good += 1,
+            Some(hash) if hash == checkpoint.head => {
+                if checkpoint.root.is_some() && checkpoint.root != fold.root(checkpoint.seq) {
+                    return Err(bad("its tree head is not the one of these records".to_owned()));
+                }
+                good += 1;
+            }
             Some(_) => {
                 let problem = format!("the checkpoint {file:?} says otherwise: history was rewritten");
                 return Err(VerifyError::Record { seq: checkpoint.seq, problem });
@@ -241,13 +317,66 @@ fn check_checkpoints(
     Ok(good)
 }
 
-fn check_telemetry(path: &Path, fold: &Fold, report: &mut VerifyReport) -> Result<(), VerifyError> {
+/// Every head that was kept elsewhere is signed by this store and a beginning of its chain. Tells how many there are.
+fn check_copies(
+    copies: &[HeldCopy],
+    fold: &mut Fold,
+    by: (&str, Option<&VerifyingKey>),
+    since: impl Fn(&HeldCopy) -> bool,
+) -> Result<u64, VerifyError> {
+    fold.note_roots(copies.iter().map(|copy| copy.checkpoint.seq).collect());
+    let fold = &*fold;
+    let chain_at = |seq: u64| Some(ChainAt { hash: fold.hash(seq)?, root: fold.root(seq) });
+    for copy in copies {
+        let checked = check_copy(&copy.checkpoint, by, fold.end().seq, chain_at);
+        if let Err(problem) = checked
+            && !(copy.checkpoint.seq > fold.end().seq && since(copy))
+        {
+            return Err(VerifyError::Copy { file: copy.file.clone(), problem });
+        }
+    }
+    Ok(copies.len() as u64)
+}
+
+/// The heads that the store's witnesses have, and the witnesses that cannot be read.
+fn heads_of_witnesses(fold: &Fold, store_id: &str) -> (Vec<HeldCopy>, Vec<String>) {
+    let (mut copies, mut silent) = (Vec::new(), Vec::new());
+    for witness in fold.witnesses() {
+        match read_copies(&folder_of(witness, store_id), store_id) {
+            Ok(read) => copies.extend(read),
+            Err(BadFile { file, problem }) => silent.push(format!("{file}: {problem}")),
+        }
+    }
+    (copies, silent)
+}
+
+/// Whether a head is of the chain as it is by now.
+fn is_on_record(database: &Path, checkpoint: &Checkpoint) -> bool {
+    let hash = open_reader(database, &STORE).and_then(|connection| {
+        connection
+            .query_row("SELECT hash FROM audit WHERE seq = ?1", [checkpoint.seq], |row| row.get(0))
+            .map_err(StoreError::sql("read the audit chain"))
+    });
+    hash.is_ok_and(|hash| Digest::from_bytes(hash) == checkpoint.head)
+}
+
+fn bad_copy(BadFile { file, problem }: BadFile) -> VerifyError {
+    VerifyError::Copy { file, problem }
+}
+
+fn check_telemetry(
+    path: &Path,
+    fold: &Fold,
+    report: &mut VerifyReport,
+    tell: &dyn Fn(&'static str, u64, u64),
+) -> Result<(), VerifyError> {
     if fold.batches.is_empty() {
         return Ok(());
     }
     let is_there = fs::symlink_metadata(path).is_ok();
     let connection = if is_there { Some(open_reader(path, &TELEMETRY)?) } else { None };
-    for sealed in &fold.batches {
+    for (nth, sealed) in (0..).zip(&fold.batches) {
+        tell("telemetry batches", nth, fold.batches.len() as u64);
         let bad = |problem: String| VerifyError::Telemetry { batch: sealed.batch, seq: sealed.seq, problem };
         let state =
             connection.as_ref().map(|connection| check_batch(connection, sealed.batch, sealed.digest));

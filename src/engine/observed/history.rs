@@ -276,6 +276,7 @@ impl History {
             | RecordKind::Recording
             | RecordKind::GoalSet
             | RecordKind::RecordingRemoved
+            | RecordKind::WitnessSet
             | RecordKind::StoreRebuilt => {}
         }
     }

@@ -34,6 +34,8 @@ crate::words! {
         Unreviewed = "unreviewed",
         /// Kept results of an active version are not what running it again gives.
         KeptFalse = "kept-false",
+        /// A checkpoint cannot be written, or cannot be sent to a witness.
+        CheckpointFailed = "checkpoint-failed",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -66,7 +68,7 @@ impl AlarmKind {
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
             Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
-            Self::KeptFalse | Self::EngineFault => AlarmTopic::Engine,
+            Self::KeptFalse | Self::CheckpointFailed | Self::EngineFault => AlarmTopic::Engine,
         }
     }
 }
@@ -101,6 +103,8 @@ pub enum AlarmKey {
     Unreviewed(CapabilityId),
     /// What is kept, all of it.
     KeptFalse,
+    /// The store's checkpoints, here and elsewhere.
+    CheckpointFailed,
     /// The one engine there is.
     EngineFault,
 }
@@ -127,6 +131,7 @@ impl AlarmKey {
             Self::Approval(_) => AlarmKind::Approval,
             Self::Unreviewed(_) => AlarmKind::Unreviewed,
             Self::KeptFalse => AlarmKind::KeptFalse,
+            Self::CheckpointFailed => AlarmKind::CheckpointFailed,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -145,7 +150,9 @@ impl fmt::Display for AlarmKey {
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
             Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
-            Self::CellDegraded | Self::KeptFalse | Self::EngineFault => write!(f, "{kind}"),
+            Self::CellDegraded | Self::KeptFalse | Self::CheckpointFailed | Self::EngineFault => {
+                write!(f, "{kind}")
+            }
         }
     }
 }
@@ -169,9 +176,13 @@ impl FromStr for AlarmKey {
             AlarmKind::Approval => Self::Approval(version()?),
             AlarmKind::Unreviewed => Self::Unreviewed(version()?),
             AlarmKind::KeptFalse if about.is_none() => Self::KeptFalse,
+            AlarmKind::CheckpointFailed if about.is_none() => Self::CheckpointFailed,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
-            AlarmKind::EngineFault | AlarmKind::CellDegraded | AlarmKind::KeptFalse => return Err(bad()),
+            AlarmKind::EngineFault
+            | AlarmKind::CheckpointFailed
+            | AlarmKind::CellDegraded
+            | AlarmKind::KeptFalse => return Err(bad()),
         })
     }
 }
@@ -210,7 +221,10 @@ mod tests {
         for kind in AlarmKind::ALL {
             let about = match kind {
                 AlarmKind::SafeStopped | AlarmKind::NotRecovered => ":grasp",
-                AlarmKind::EngineFault | AlarmKind::CellDegraded | AlarmKind::KeptFalse => "",
+                AlarmKind::EngineFault
+                | AlarmKind::CheckpointFailed
+                | AlarmKind::CellDegraded
+                | AlarmKind::KeptFalse => "",
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated
                 | AlarmKind::Restricted

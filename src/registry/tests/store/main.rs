@@ -10,6 +10,7 @@
 mod approvals;
 #[path = "../../../../tests/fuzz/campaign.rs"]
 mod campaign;
+mod copied;
 mod damage;
 mod decay;
 mod edits;
@@ -20,9 +21,11 @@ mod long;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
 mod opening;
+mod proofs;
 mod rebuild;
 mod registry;
 mod released;
 mod signed;
 mod support;
 mod telemetry;
+mod witnesses;

@@ -1,0 +1,190 @@
+//! `holdpoint audit verify`: the whole history, against copies of it, with what belongs to it.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use super::bar::LateBar;
+use super::recordings::{self, counted};
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
+use holdpoint_approvals::keyfile;
+use holdpoint_recordings::record::FileCheck;
+use holdpoint_registry::{
+    ExportReport, Judged, Layout, MissingBatches, VerifyError, VerifyReport, is_exported, verify_against,
+    verify_export,
+};
+
+/// The most copies that are named at once.
+const COPIES_MAX: usize = 64;
+
+/// The arguments of `audit verify`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct VerifyArgs {
+    /// The database, or a file of `store export` [default: the store's database].
+    #[arg(long)]
+    pub file: Option<PathBuf>,
+    /// The store's public key [default: the one in the store].
+    #[arg(long)]
+    pub key: Option<PathBuf>,
+    /// Signed heads that were kept elsewhere: a checkpoint, an exported store, a proof, a database, or a folder of
+    /// checkpoints, of a store or of a witness. May be given more than once.
+    #[arg(long, value_name = "FILE|DIR")]
+    pub against: Vec<PathBuf>,
+    /// The recordings of scenes as well.
+    #[arg(long, conflicts_with = "file")]
+    pub all: bool,
+}
+
+/// Verifies, and names the first thing that is bad.
+///
+/// # Errors
+/// [`CliError`] if something cannot be read.
+pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let layout = Layout::new(&context.data);
+    let database = args.file.clone().unwrap_or_else(|| layout.database());
+    if !database.is_file() {
+        return Err(CliError::usage(format!("there is no database {database:?}")));
+    }
+    if args.against.len() > COPIES_MAX {
+        return Err(CliError::usage(format!("--against can be given {COPIES_MAX} times at most")));
+    }
+    // Beside a copied file the store's own key would be a guess, so it is used for the store alone.
+    let own_key =
+        (args.file.is_none() && layout.store_public_key().is_file()).then(|| layout.store_public_key());
+    let key = args.key.clone().or(own_key);
+    let key = key.as_deref().map(keyfile::read_public).transpose().map_err(CliError::usage)?;
+    let key = key.map(|(key, _)| key);
+    if is_exported(&database) {
+        if !args.against.is_empty() {
+            let problem = "--against compares a store or its database, not an exported file";
+            return Err(CliError::usage(problem.to_owned())
+                .with_hint("name the exported file with --against, and the store with --data"));
+        }
+        return answer(verify_export(&database, key.as_ref()), exported, out);
+    }
+    let bar = LateBar::new();
+    let tell = |what: &'static str, done: u64, total: u64| bar.tell(what, done, total);
+    let judged = Judged { key: key.as_ref(), against: &args.against, tell: &tell };
+    let found = verify_against(&database, &judged);
+    if !args.all || found.is_err() {
+        drop(bar);
+        return answer(found, sound, out);
+    }
+    let report = found.map_err(CliError::usage)?;
+    let recordings = check_recordings(context, &bar)?;
+    drop(bar);
+    match recordings {
+        Ok(recordings) => {
+            let value = json!({ "sound": true, "report": report, "recordings": recordings });
+            out.answer(&value, |out| {
+                sound(&report, out)?;
+                out.line(&format!("recordings         {recordings}"))
+            })?;
+            Ok(Exit::Confirmed)
+        }
+        Err(problem) => not_sound(&problem, None, out),
+    }
+}
+
+/// Every recording is what its record says, and every one on record is there. Tells how many, or what is wrong.
+fn check_recordings(context: &CliContext, bar: &LateBar) -> Result<Result<u64, String>, CliError> {
+    let record = recordings::on_record(&super::audit::open(&context.data)?)?;
+    let files = recordings::shelved(&Layout::new(&context.data).recordings())?;
+    let bytes = files.iter().map(|filed| filed.bytes).sum();
+    let (mut read, mut good) = (0, 0);
+    for filed in &files {
+        bar.tell("bytes of recordings", read, bytes);
+        match recordings::check(filed, &record)? {
+            FileCheck::Matches => good += 1,
+            FileCheck::NotOnRecord => {}
+            FileCheck::Differs { found, recorded } => {
+                return Ok(Err(format!(
+                    "the recording {:?} is bad: its SHA-256 is {found}, {recorded} was recorded at closure",
+                    filed.file
+                )));
+            }
+        }
+        read += filed.bytes;
+    }
+    let missing = record.kept().find(|recorded| files.iter().all(|filed| filed.file != recorded.file));
+    Ok(match missing {
+        Some(recorded) => Err(format!(
+            "the recording {:?} is missing: it was recorded at closure, and no removal is on record",
+            recorded.file
+        )),
+        None => Ok(good),
+    })
+}
+
+fn answer<T: serde::Serialize>(
+    found: Result<T, VerifyError>,
+    show: impl FnOnce(&T, &mut Output<'_>) -> Result<(), CliError>,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    match found {
+        Ok(report) => {
+            out.answer(&json!({ "sound": true, "report": report }), |out| show(&report, out))?;
+            Ok(Exit::Confirmed)
+        }
+        Err(VerifyError::Unreadable(error)) => Err(CliError::usage(error)),
+        Err(error) => not_sound(&error.to_string(), error.record(), out),
+    }
+}
+
+fn not_sound(problem: &str, record: Option<u64>, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let mut value = json!({ "sound": false, "problem": problem });
+    if let (Some(fields), Some(record)) = (value.as_object_mut(), record) {
+        fields.insert("record".to_owned(), record.into());
+    }
+    out.answer(&value, |out| out.line(&format!("not sound: {problem}")))?;
+    Ok(Exit::Rejected)
+}
+
+fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
+    out.line(&format!("sound: {} records, head {}", report.records, report.head))?;
+    let signatures =
+        if report.key_given { "signatures checked" } else { "signatures not checked: no public key" };
+    out.line(&format!("checkpoints        {} ({signatures})", report.checkpoints))?;
+    if report.copies > 0 {
+        out.line(&format!("heads elsewhere    {} of this chain", report.copies))?;
+    }
+    for silent in &report.witnesses_silent {
+        out.line(&format!("not asked          {silent}"))?;
+    }
+    out.line(&format!("approvals          {}", report.approvals))?;
+    out.line(&format!(
+        "telemetry batches  {} ({} removed for age, {} not looked at)",
+        report.batches, report.batches_pruned, report.batches_unseen
+    ))?;
+    let Some(missing) = report.batches_missing else { return Ok(()) };
+    let MissingBatches { first, last, first_sealed_by, last_sealed_by } = missing;
+    out.line(&format!(
+        "missing batches    {first} to {last}, sealed by the records {first_sealed_by} to {last_sealed_by}: no record says \
+         whether for age or by somebody"
+    ))
+}
+
+fn exported(report: &ExportReport, out: &mut Output<'_>) -> Result<(), CliError> {
+    out.line(&format!("sound: {} records, head {}", report.records, report.head))?;
+    let by = if report.key_given { "the key that was given" } else { "the key that the file names itself" };
+    out.line(&format!("signed heads       {} (checked with {by})", report.heads))?;
+    out.line(&format!("root of the tree   {}", report.root))?;
+    out.line(&counted(usize::try_from(report.approvals).unwrap_or(usize::MAX), "approval"))
+}
+
+/// The folder of a witness as it goes on record.
+///
+/// # Errors
+/// If it is not there.
+pub(super) fn absolute(path: &Path) -> Result<String, CliError> {
+    let text = path.to_str().ok_or_else(|| CliError::usage(format!("{path:?} is not UTF-8")))?;
+    // An address is for the store to refuse, with what helps.
+    if text.contains("://") || text.contains('@') {
+        return Ok(text.to_owned());
+    }
+    let full = std::path::absolute(path).map_err(|error| CliError::usage(format!("{path:?}: {error}")))?;
+    Ok(full.display().to_string())
+}

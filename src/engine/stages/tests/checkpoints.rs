@@ -1,0 +1,32 @@
+//! A checkpoint that cannot be written is told, and the store works on.
+
+use std::fs;
+
+use holdpoint_governance::alarms::AlarmKey;
+
+use crate::stages::rollback::tests::Bench;
+
+#[test]
+fn a_checkpoint_that_cannot_be_written_alarms_until_one_can_be() {
+    let mut bench = Bench::new();
+    let folder = bench.pipeline.record().ledger().store().layout().checkpoints();
+    let aside = folder.with_extension("aside");
+    let condition = |bench: &Bench| {
+        bench.pipeline.record().alarms().get(&AlarmKey::CheckpointFailed).map(|alarm| alarm.condition)
+    };
+    bench.pipeline.advance();
+    assert_eq!(condition(&bench), None);
+    fs::rename(&folder, &aside).unwrap();
+    // Every activation makes a checkpoint.
+    let first = bench.activate("align-improved");
+    bench.pipeline.advance();
+    assert_eq!(condition(&bench), Some(true));
+    assert!(
+        bench.pipeline.record().ledger().version(&first).is_ok()
+            && bench.pipeline.record().holding().is_none()
+    );
+    fs::rename(&aside, &folder).unwrap();
+    bench.activate("grasp-improved");
+    bench.pipeline.advance();
+    assert_ne!(condition(&bench), Some(true));
+}

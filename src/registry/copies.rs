@@ -1,0 +1,185 @@
+//! Signed heads that were kept elsewhere: whoever cut the store back, wrote its history anew or put an earlier copy of it
+//! in its place is found by them.
+//!
+//! A copy is a checkpoint's file, a file of `store export` or `audit proof`, a database, or a folder: of checkpoints, of
+//! a whole store, or of a witness. Each head in it has to be signed by the store, and to be a beginning of its chain.
+
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use ed25519_dalek::VerifyingKey;
+use rusqlite::{Connection, OpenFlags};
+
+use super::checkpoint::{BadFile, Checkpoint, FILE_BYTES_MAX, names};
+use super::exported::{LINE_BYTES_MAX, Line};
+use super::proof::Proof;
+use super::signed;
+use holdpoint_governance::ids::Digest;
+
+/// The most heads that are read from one folder or file; the newest count.
+pub(crate) const HEADS_MAX: usize = 10_000;
+
+/// A signed head and where it was found.
+#[derive(Clone, Debug)]
+pub(crate) struct HeldCopy {
+    pub(crate) file: String,
+    pub(crate) checkpoint: Checkpoint,
+}
+
+/// What a chain has at a record: its hash, and the root of the tree up to it as far as it is known.
+pub(crate) struct ChainAt {
+    pub(crate) hash: Digest,
+    pub(crate) root: Option<Digest>,
+}
+
+/// Reads every head of a file or folder. In a folder without any, those of this store below it: a witness has one
+/// folder for each store.
+pub(crate) fn read_copies(path: &Path, store_id: &str) -> Result<Vec<HeldCopy>, BadFile> {
+    let bad = |problem: String| BadFile { file: path.display().to_string(), problem };
+    let found = fs::metadata(path).map_err(|error| bad(error.to_string()))?;
+    let copies = if found.is_dir() {
+        let mut copies = Vec::new();
+        for folder in [path.join("checkpoints"), path.to_owned(), path.join(store_id)] {
+            if copies.is_empty() && folder.is_dir() {
+                copies = read_folder(&folder)?;
+            }
+        }
+        let database = path.join("holdpoint.db");
+        if database.is_file() {
+            copies.extend(read_database(&database)?);
+        }
+        copies
+    } else if found.is_file() {
+        read_file(path)?
+    } else {
+        return Err(bad("it is neither a file nor a folder".to_owned()));
+    };
+    if copies.is_empty() {
+        return Err(bad("it holds no signed head".to_owned()));
+    }
+    Ok(copies)
+}
+
+/// The heads in the files of a folder, the newest that many.
+fn read_folder(folder: &Path) -> Result<Vec<HeldCopy>, BadFile> {
+    let listed = names(folder)
+        .map_err(|error| BadFile { file: folder.display().to_string(), problem: error.to_string() })?;
+    let newest = listed.get(listed.len().saturating_sub(HEADS_MAX)..).unwrap_or_default();
+    newest.iter().map(|name| read_one(&folder.join(name))).collect()
+}
+
+fn read_one(path: &Path) -> Result<HeldCopy, BadFile> {
+    let file = path.display().to_string();
+    match Checkpoint::read(path) {
+        Ok(checkpoint) => Ok(HeldCopy { file, checkpoint }),
+        Err(problem) => Err(BadFile { file, problem }),
+    }
+}
+
+/// The signed end of a database.
+fn read_database(path: &Path) -> Result<Option<HeldCopy>, BadFile> {
+    let file = path.display().to_string();
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let end = Connection::open_with_flags(path, flags)
+        .map_err(|error| error.to_string())
+        .and_then(|connection| signed::read(&connection));
+    match end {
+        Ok(end) => Ok(end.map(|checkpoint| HeldCopy { file, checkpoint })),
+        Err(problem) => Err(BadFile { file, problem }),
+    }
+}
+
+fn read_file(path: &Path) -> Result<Vec<HeldCopy>, BadFile> {
+    let bad = |problem: String| BadFile { file: path.display().to_string(), problem };
+    let mut start = [0; 16];
+    let mut file = File::open(path).map_err(|error| bad(error.to_string()))?;
+    if file.read_exact(&mut start).is_ok() && &start == b"SQLite format 3\0" {
+        return read_database(path).map(|copy| copy.into_iter().collect());
+    }
+    if fs::metadata(path).is_ok_and(|found| found.len() <= FILE_BYTES_MAX)
+        && let Ok(copy) = read_one(path)
+    {
+        return Ok(vec![copy]);
+    }
+    if let Ok(proof) = Proof::read(path) {
+        let held = |checkpoint| HeldCopy { file: path.display().to_string(), checkpoint };
+        return Ok(proof.heads().into_iter().cloned().map(held).collect());
+    }
+    read_lines(path)
+}
+
+/// The heads in a file of JSON lines.
+fn read_lines(path: &Path) -> Result<Vec<HeldCopy>, BadFile> {
+    let named = |number: usize| format!("{}:{number}", path.display());
+    let bad = |number: usize, problem: String| BadFile { file: named(number), problem };
+    let mut reader = BufReader::new(File::open(path).map_err(|error| bad(1, error.to_string()))?);
+    let mut copies = std::collections::VecDeque::new();
+    for number in 1.. {
+        let mut line = Vec::new();
+        let read = (&mut reader).take(LINE_BYTES_MAX + 1).read_until(b'\n', &mut line);
+        if read.map_err(|error| bad(number, error.to_string()))? == 0 {
+            break;
+        }
+        if line.len() as u64 > LINE_BYTES_MAX {
+            return Err(bad(number, format!("a line has at most {LINE_BYTES_MAX} bytes")));
+        }
+        // Most lines are records; only those of heads are read as a whole.
+        if !line.starts_with(b"{\"head\":") && !line.starts_with(b"{\"end\":") && number > 1 {
+            continue;
+        }
+        match serde_json::from_slice::<Line>(&line) {
+            Ok(Line::Head(checkpoint) | Line::End(checkpoint)) => {
+                copies.push_back(HeldCopy { file: named(number), checkpoint });
+                if copies.len() > HEADS_MAX {
+                    copies.pop_front();
+                }
+            }
+            Ok(Line::Export(_) | Line::Record(_) | Line::Approval(_)) => {}
+            Err(_) if number == 1 => {
+                let problem = "it is no checkpoint, proof, database or exported store";
+                return Err(BadFile { file: path.display().to_string(), problem: problem.to_owned() });
+            }
+            Err(error) => return Err(bad(number, error.to_string())),
+        }
+    }
+    Ok(copies.into())
+}
+
+/// Whether a copy is signed by this store and is a beginning of its chain, which ends at record `end`.
+///
+/// # Errors
+/// What is wrong with it, or with the chain.
+pub(crate) fn check_copy(
+    checkpoint: &Checkpoint,
+    (store_id, key): (&str, Option<&VerifyingKey>),
+    end: u64,
+    chain_at: impl FnOnce(u64) -> Option<ChainAt>,
+) -> Result<(), String> {
+    let seq = checkpoint.seq;
+    if checkpoint.store_id != store_id {
+        return Err(format!("it belongs to the store {:?}", checkpoint.store_id));
+    }
+    if key.is_some_and(|key| !checkpoint.is_signed_by(key)) {
+        return Err("its signature does not match the store's public key".to_owned());
+    }
+    if seq > end {
+        let problem = format!("it was signed at record {seq}, and the chain ends at record {end}");
+        return Err(format!("{problem}: {} records were cut off", seq - end));
+    }
+    if seq == 0 {
+        return Ok(());
+    }
+    match chain_at(seq) {
+        None => Err(format!("record {seq}, which it was signed at, cannot be read")),
+        Some(at) if at.hash != checkpoint.head => {
+            Err(format!("record {seq} is not the one that it was signed at: history was rewritten"))
+        }
+        Some(ChainAt { root: Some(root), .. }) if checkpoint.root.is_some_and(|signed| signed != root) => {
+            Err(format!(
+                "the records up to {seq} are not those that it was signed over: history was rewritten"
+            ))
+        }
+        Some(_) => Ok(()),
+    }
+}

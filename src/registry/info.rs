@@ -1,0 +1,222 @@
+//! What a store is, and whether it looks as it should, by a quick look that writes nothing. Whether its history is sound
+//! is for [`verify`](super::verify()), which reads all of it.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+use rusqlite::Connection;
+use serde::Serialize;
+
+use super::audit::{self, Head};
+use super::backup::count;
+use super::checkpoint::{Checkpoint, names, read_all};
+use super::error::StoreError;
+use super::layout::{Layout, lock_owner};
+use super::migrate::STORE;
+use super::open::{damaged, open_reader};
+use super::shape::first_difference;
+use super::signed;
+use super::witness::{look_at_witness, witnesses};
+use holdpoint_approvals::keyfile;
+
+/// Less free room than this is worth a word, bytes.
+const FREE_BYTES_MIN: u64 = 64 << 20;
+
+/// What a store is, by a look at its files.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct StoreInfo {
+    pub store_id: String,
+    /// Version of the database's schema, and the newest that this program knows.
+    pub schema: u64,
+    pub schema_newest: u64,
+    pub records: u64,
+    /// Hash of the last record.
+    pub head: String,
+    /// Where the chain is signed, with the root of its tree if it is signed with one.
+    pub signed_at: Option<u64>,
+    pub root: Option<String>,
+    pub checkpoints: u64,
+    pub witnesses: Vec<String>,
+    pub versions: u64,
+    /// Wall time of the first and of the last record, ms since 1970.
+    pub first_wall_ms: Option<i64>,
+    pub last_wall_ms: Option<i64>,
+    /// Bytes of each file and folder.
+    pub bytes: Vec<(String, u64)>,
+    /// Bytes that are free where it lies.
+    pub free_bytes: u64,
+    /// Who has the store: an engine, by process and start.
+    pub in_use_by: Option<String>,
+}
+
+/// Looks at a store and writes nothing.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
+    let layout = Layout::new(folder);
+    let connection = open_reader(&layout.database(), &STORE)?;
+    let error = StoreError::sql("read the store");
+    connection.execute_batch("BEGIN").map_err(&error)?;
+    let one = |sql: &str| -> Result<u64, StoreError> {
+        connection.query_row(sql, [], |row| row.get(0)).map_err(&error)
+    };
+    let wall = |order: &str| -> Option<i64> {
+        let sql = format!("SELECT wall_ms FROM audit ORDER BY seq {order} LIMIT 1");
+        connection.query_row(&sql, [], |row| row.get(0)).ok()
+    };
+    let head = audit::head(&connection).map_err(&error)?;
+    let end = signed::read(&connection).map_err(|problem| damaged(&layout.database(), &problem))?;
+    let mut bytes = Vec::new();
+    for (name, path) in [
+        ("holdpoint.db", layout.database()),
+        ("telemetry.db", layout.telemetry()),
+        ("checkpoints", layout.checkpoints()),
+        ("recordings", layout.recordings()),
+        ("logs", layout.logs()),
+        ("keys", layout.keys()),
+    ] {
+        let (mut files, mut size) = (0, 0);
+        if path.exists() {
+            count(&path, &mut files, &mut size)?;
+            bytes.push((name.to_owned(), size));
+        }
+    }
+    let free = rustix::fs::statvfs(folder).map_err(|error| StoreError::io("read", folder)(error.into()))?;
+    Ok(StoreInfo {
+        store_id: super::check::store_id(&connection, &layout.database())?,
+        schema: one("PRAGMA user_version")?,
+        schema_newest: STORE.newest() as u64,
+        records: head.seq,
+        head: head.hash.to_string(),
+        signed_at: end.as_ref().map(|end| end.seq),
+        root: end.and_then(|end| end.root).map(|root| root.to_string()),
+        checkpoints: if layout.checkpoints().is_dir() {
+            names(&layout.checkpoints())?.len() as u64
+        } else {
+            0
+        },
+        witnesses: witnesses(&layout.database())?.into_iter().collect(),
+        versions: one("SELECT count(*) FROM version")?,
+        first_wall_ms: wall("ASC"),
+        last_wall_ms: wall("DESC"),
+        bytes,
+        free_bytes: free.f_bavail.saturating_mul(free.f_frsize),
+        in_use_by: lock_owner(&layout)?,
+    })
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Looked {
+    pub good: bool,
+    /// What was found, a sentence.
+    pub text: String,
+}
+
+fn good(text: impl Into<String>) -> Looked {
+    Looked { good: true, text: text.into() }
+}
+
+fn bad(text: impl Into<String>) -> Looked {
+    Looked { good: false, text: text.into() }
+}
+
+/// Looks at a store quickly: shape, signed end, counts, keys, room, locks, witnesses. Writes nothing.
+///
+/// # Errors
+/// If the database cannot be opened.
+pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
+    let layout = Layout::new(folder);
+    let info = store_info(folder)?;
+    let connection = open_reader(&layout.database(), &STORE)?;
+    let failed = StoreError::sql("read the store");
+    connection.execute_batch("BEGIN").map_err(&failed)?;
+    let mut found = vec![match first_difference(&connection, &STORE).map_err(&failed)? {
+        None if info.schema == info.schema_newest => {
+            good(format!("The tables are those of schema {}, the newest.", info.schema))
+        }
+        None => good(format!(
+            "The tables are those of schema {}; the next engine brings them to schema {}.",
+            info.schema, info.schema_newest
+        )),
+        Some(problem) => bad(format!("The tables are not those of this program: {problem}.")),
+    }];
+    let head = audit::head(&connection).map_err(&failed)?;
+    found.push(counted_records(&connection, head)?);
+    found.push(signed_end(&layout, &connection, head));
+    found.push(store_key(&layout));
+    found.push(if info.free_bytes < FREE_BYTES_MIN {
+        bad(format!("Only {} MiB are free where the store lies.", info.free_bytes >> 20))
+    } else {
+        good(format!("{} MiB are free where the store lies.", info.free_bytes >> 20))
+    });
+    found.push(match &info.in_use_by {
+        Some(owner) => good(format!("The store is in use by {owner}.")),
+        None => good("No engine has the store."),
+    });
+    for witness in &info.witnesses {
+        found.push(match look_at_witness(witness, &info.store_id) {
+            Ok(heads) => good(format!("The witness {witness:?} has {heads} heads and can be written.")),
+            Err(problem) => bad(format!("The witness {witness:?} is of no use: {problem}.")),
+        });
+    }
+    Ok(found)
+}
+
+fn counted_records(connection: &Connection, head: Head) -> Result<Looked, StoreError> {
+    let counts = connection.query_row("SELECT count(*), coalesce(max(seq), 0) FROM audit", [], |row| {
+        Ok((row.get::<_, u64>(0)?, row.get::<_, u64>(1)?))
+    });
+    let (count, last) = counts.map_err(StoreError::sql("read the audit chain"))?;
+    Ok(if (count, last) == (head.seq, head.seq) {
+        good(format!("The audit chain has {count} records, none is missing."))
+    } else {
+        bad(format!(
+            "The audit chain has {count} records up to {last}, and its end was recorded at {}.",
+            head.seq
+        ))
+    })
+}
+
+fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> Looked {
+    let key = match keyfile::read_public(&layout.store_public_key()) {
+        Ok((key, _)) => key,
+        Err(error) => return bad(format!("The store's public key cannot be read: {error}.")),
+    };
+    let end: Checkpoint = match signed::read(connection) {
+        Ok(Some(end)) => end,
+        Ok(None) if head.seq == 0 => return good("There is no record yet that had to be signed."),
+        Ok(None) => {
+            return bad("Nobody signed where the audit chain ends; an engine does at its next start.");
+        }
+        Err(problem) => return bad(format!("The signed end of the audit chain is bad: {problem}.")),
+    };
+    if !end.is_signed_by(&key) || (end.seq, end.head) != (head.seq, head.hash) {
+        return bad("The signed end is not the end of this audit chain, or another key signed it.");
+    }
+    match read_all(&layout.checkpoints()) {
+        Err(problem) => bad(format!("The checkpoint {:?} is bad: {}.", problem.file, problem.problem)),
+        Ok(kept) => match kept.last() {
+            Some(newest) if newest.checkpoint.number() > end.number() => {
+                bad(format!("There is a newer checkpoint than the chain: {:?}.", newest.file))
+            }
+            Some(_) | None => {
+                good(format!("The audit chain is signed to its end, with {} checkpoints.", kept.len()))
+            }
+        },
+    }
+}
+
+fn store_key(layout: &Layout) -> Looked {
+    let path = layout.store_key();
+    match fs::symlink_metadata(&path) {
+        Err(error) => bad(format!("The store's secret key cannot be used: {error}.")),
+        Ok(file) if !file.is_file() => bad("The store's secret key is no file."),
+        Ok(file) if file.permissions().mode() & 0o077 != 0 => {
+            bad(format!("Others may read the store's secret key; `chmod 600 {}` ends that.", path.display()))
+        }
+        Ok(_) => good("The store's secret key is there, for its owner alone."),
+    }
+}

@@ -1,0 +1,343 @@
+//! Proofs that need no store: that a record is in the chain, and that the chain of today goes on from an earlier one.
+//!
+//! Each is one small JSON document, with the signed heads that it speaks of. It is checked with the store's public key
+//! alone. See [`merkle`](super::merkle) for the tree.
+
+use std::borrow::Cow;
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+
+use ed25519_dalek::VerifyingKey;
+use rusqlite::{Connection, OptionalExtension};
+use serde::{Deserialize, Serialize};
+
+use super::audit;
+use super::checkpoint::{Checkpoint, Kept, read_all};
+use super::error::StoreError;
+use super::merkle;
+use super::migrate::STORE;
+use super::open::open_reader;
+use super::signed;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::words::Word;
+use holdpoint_text::Hint;
+
+/// The version of the form.
+const VERSION: u32 = 1;
+/// The largest proof that is read, bytes: a record's body has at most 4 MiB, and each of its bytes six as an escape.
+const BYTES_MAX: u64 = 32 << 20;
+
+/// A record without what its hash does not cover.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProvedRecord {
+    pub seq: u64,
+    pub prev: Digest,
+    pub hash: Digest,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    pub kind: Word<RecordKind>,
+    pub subject: String,
+    /// JSON text.
+    pub body: String,
+}
+
+impl ProvedRecord {
+    fn expected_hash(&self) -> Digest {
+        let Self { seq, prev, hash, at_ms, kind, subject, body } = self.clone();
+        AuditRecord { seq, prev, hash, at_ms, kind, subject, body, wall_ms: 0 }.expected_hash()
+    }
+}
+
+impl From<AuditRecord> for ProvedRecord {
+    fn from(record: AuditRecord) -> Self {
+        let AuditRecord { seq, prev, hash, at_ms, kind, subject, body, wall_ms: _ } = record;
+        Self { seq, prev, hash, at_ms, kind, subject, body }
+    }
+}
+
+/// A proof with the heads that it speaks of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "proof", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Proof {
+    /// A record is in the chain that ends at a signed head.
+    Inclusion {
+        version: u32,
+        record: ProvedRecord,
+        /// Hashes from the record's leaf to the root.
+        path: Vec<Digest>,
+        head: Box<Checkpoint>,
+    },
+    /// The chain that ends at a signed head begins with the one that ends at an earlier head.
+    Consistency {
+        version: u32,
+        older: Box<Checkpoint>,
+        /// Hashes as RFC 9162, 2.1.4.1, lists them.
+        path: Vec<Digest>,
+        newer: Box<Checkpoint>,
+    },
+}
+
+/// A proof that cannot be made, or does not hold.
+#[derive(Debug, thiserror::Error)]
+pub enum ProofError {
+    /// The store cannot be read.
+    #[error(transparent)]
+    Unreadable(#[from] StoreError),
+    /// There is nothing to prove it by.
+    #[error("there is no proof: {problem}")]
+    Impossible { problem: String, hint: &'static str },
+    /// A file that is no proof.
+    #[error("{0}")]
+    NoProof(String),
+    /// It proves nothing.
+    #[error("the proof does not hold: {0}")]
+    Wrong(String),
+}
+
+impl Hint for ProofError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Unreadable(error) => error.hint(),
+            Self::Impossible { hint, .. } => Some((*hint).into()),
+            Self::NoProof(_) | Self::Wrong(_) => None,
+        }
+    }
+}
+
+/// What helps where a chain is not what was signed.
+const HINT_VERIFY: &str = "`holdpoint audit verify` says what is wrong with the store";
+
+fn impossible(problem: impl Into<String>, hint: &'static str) -> ProofError {
+    ProofError::Impossible { problem: problem.into(), hint }
+}
+
+/// One moment of a store: its newest signed head and the hashes of all records up to it.
+struct SignedChain {
+    connection: Connection,
+    end: Checkpoint,
+    hashes: Vec<Digest>,
+}
+
+impl SignedChain {
+    fn read(database: &Path) -> Result<Self, ProofError> {
+        let connection = open_reader(database, &STORE)?;
+        let failed = StoreError::sql("read the audit chain");
+        connection.execute_batch("BEGIN").map_err(&failed)?;
+        let end = signed::read(&connection).map_err(|problem| impossible(problem, HINT_VERIFY))?;
+        let Some(end) = end.filter(|end| end.root.is_some()) else {
+            let hint = "start an engine on the store once: it signs the tree of its records";
+            return Err(impossible(
+                "an earlier version signed the end of the audit chain, without a tree",
+                hint,
+            ));
+        };
+        let mut hashes = Vec::new();
+        let mut read = || -> rusqlite::Result<()> {
+            let mut select = connection.prepare("SELECT hash FROM audit WHERE seq <= ?1 ORDER BY seq")?;
+            let mut rows = select.query([end.seq])?;
+            while let Some(row) = rows.next()? {
+                hashes.push(Digest::from_bytes(row.get(0)?));
+            }
+            Ok(())
+        };
+        read().map_err(&failed)?;
+        if hashes.len() as u64 != end.seq || end.root != Some(merkle::root(&hashes)) {
+            return Err(impossible("the records are not those whose tree was signed", HINT_VERIFY));
+        }
+        Ok(Self { connection, end, hashes })
+    }
+
+    fn checked(proof: Proof) -> Result<Proof, ProofError> {
+        proof.check_tree().map_err(|problem| impossible(problem, HINT_VERIFY))?;
+        Ok(proof)
+    }
+}
+
+/// Proves that a record is in the chain of a store that is signed today.
+///
+/// # Errors
+/// [`ProofError::Unreadable`] and [`ProofError::Impossible`].
+pub fn prove_record(database: &Path, seq: u64) -> Result<Proof, ProofError> {
+    let chain = SignedChain::read(database)?;
+    let sql = format!("SELECT {} FROM audit WHERE seq = ?1", audit::COLUMNS);
+    let record = chain.connection.query_row(&sql, [seq], audit::read).optional();
+    let record = record.map_err(StoreError::sql("read the audit chain"))?;
+    let index = seq.checked_sub(1).and_then(|index| usize::try_from(index).ok());
+    let path = index.and_then(|index| merkle::inclusion(&chain.hashes, index));
+    let (Some(record), Some(path)) = (record, path) else {
+        let problem = format!("there is no record {seq}; the chain ends at record {}", chain.end.seq);
+        return Err(impossible(problem, "`holdpoint audit list` lists the records"));
+    };
+    SignedChain::checked(Proof::Inclusion {
+        version: VERSION,
+        record: record.into(),
+        path,
+        head: Box::new(chain.end),
+    })
+}
+
+/// Proves that the chain of a store goes on from an earlier signed head.
+///
+/// # Errors
+/// [`ProofError::Unreadable`] and [`ProofError::Impossible`].
+pub fn prove_consistency(database: &Path, older: &Checkpoint) -> Result<Proof, ProofError> {
+    let chain = SignedChain::read(database)?;
+    if older.root.is_none() {
+        let hint = "`holdpoint audit verify --against FILE` compares the chain with it";
+        return Err(impossible("an earlier version signed that head, without a tree", hint));
+    }
+    if older.store_id != chain.end.store_id {
+        let problem = format!("that head belongs to the store {:?}", older.store_id);
+        return Err(impossible(problem, "name the other store with `--data`"));
+    }
+    let hint = "`holdpoint audit verify --against FILE` says more";
+    if older.seq > chain.end.seq {
+        let problem = format!(
+            "that head was signed at record {}, and the chain ends at record {}: it was cut off",
+            older.seq, chain.end.seq
+        );
+        return Err(impossible(problem, hint));
+    }
+    let size = usize::try_from(older.seq).unwrap_or(usize::MAX);
+    let Some(path) = merkle::consistency(&chain.hashes, size) else {
+        return Err(impossible("nothing follows from the tree of no records", hint));
+    };
+    let (older, newer) = (Box::new(older.clone()), Box::new(chain.end));
+    let proof = Proof::Consistency { version: VERSION, older, path, newer };
+    proof
+        .check_tree()
+        .map_err(|_| impossible("that head is not one of this chain: history was rewritten", hint))?;
+    Ok(proof)
+}
+
+/// The signed head that a store keeps of a record.
+///
+/// # Errors
+/// [`ProofError::Impossible`] with the nearest heads that there are.
+pub fn kept_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
+    let kept = read_all(&folder.join("checkpoints")).map_err(|bad| {
+        impossible(format!("the checkpoint {:?} is bad: {}", bad.file, bad.problem), HINT_VERIFY)
+    })?;
+    let of = |kept: &Kept| kept.checkpoint.seq;
+    if let Some(found) = kept.iter().find(|kept| of(kept) == seq) {
+        return Ok(found.checkpoint.clone());
+    }
+    let before = kept.iter().rev().map(of).find(|found| *found < seq);
+    let after = kept.iter().map(of).find(|found| *found > seq);
+    let near: Vec<String> = before.into_iter().chain(after).map(|seq| seq.to_string()).collect();
+    let near = if near.is_empty() {
+        "there is none".to_owned()
+    } else {
+        format!("the nearest: {}", near.join(", "))
+    };
+    Err(impossible(
+        format!("no checkpoint was made at record {seq} ({near})"),
+        "`--against FILE` takes one that was kept elsewhere",
+    ))
+}
+
+impl Proof {
+    /// Reads a proof from its file: as it was written, byte for byte.
+    ///
+    /// # Errors
+    /// [`ProofError::NoProof`].
+    pub fn read(path: &Path) -> Result<Self, ProofError> {
+        let no_proof = |problem: &str| ProofError::NoProof(format!("{path:?} is no proof: {problem}"));
+        let found = fs::metadata(path).map_err(|error| no_proof(&error.to_string()))?;
+        if !found.is_file() || found.len() > BYTES_MAX {
+            return Err(no_proof(&format!("a file of at most {BYTES_MAX} bytes is needed")));
+        }
+        let mut text = String::new();
+        fs::File::open(path)
+            .and_then(|file| file.take(BYTES_MAX).read_to_string(&mut text))
+            .map_err(|error| no_proof(&error.to_string()))?;
+        Self::parse(&text).map_err(|problem| no_proof(&problem))
+    }
+
+    /// Reads a proof from its text.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let text = text.strip_suffix('\n').unwrap_or(text);
+        let proof: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        if proof.text().map_err(|error| error.to_string())? != text {
+            return Err("it is not as it was written".to_owned());
+        }
+        Ok(proof)
+    }
+
+    /// Its text, one line without its end.
+    ///
+    /// # Errors
+    /// If it has no JSON form.
+    pub fn text(&self) -> Result<String, serde_json::Error> {
+        Ok(audit::ascii_json(&serde_json::to_string(self)?))
+    }
+
+    /// The signed heads in it.
+    #[must_use]
+    pub fn heads(&self) -> Vec<&Checkpoint> {
+        match self {
+            Self::Inclusion { head, .. } => vec![head],
+            Self::Consistency { older, newer, .. } => vec![older, newer],
+        }
+    }
+
+    /// Whether it shows what it says, and its heads are signed with this key.
+    ///
+    /// # Errors
+    /// [`ProofError::Wrong`].
+    pub fn check(&self, key: &VerifyingKey) -> Result<(), ProofError> {
+        for head in self.heads() {
+            if !head.is_signed_by(key) {
+                let problem = format!("the head at record {} is not signed with this key", head.seq);
+                return Err(ProofError::Wrong(problem));
+            }
+        }
+        self.check_tree().map_err(ProofError::Wrong)
+    }
+
+    fn check_tree(&self) -> Result<(), String> {
+        let tree_of = |head: &Checkpoint| -> Result<(u64, Digest), String> {
+            let root = head.root.ok_or_else(|| format!("the head at record {} has no tree", head.seq))?;
+            Ok((head.seq, root))
+        };
+        match self {
+            Self::Inclusion { version, record, path, head } => {
+                check_version(*version)?;
+                if record.hash != record.expected_hash() {
+                    return Err("the record's content does not match its hash".to_owned());
+                }
+                let (size, root) = tree_of(head)?;
+                let index = record.seq.checked_sub(1).ok_or("records begin with 1")?;
+                if !merkle::includes(&record.hash, index, (size, &root), path) {
+                    return Err(format!("record {} is not shown to be below the signed head", record.seq));
+                }
+                Ok(())
+            }
+            Self::Consistency { version, older, path, newer } => {
+                check_version(*version)?;
+                if older.store_id != newer.store_id {
+                    return Err("the heads are of two stores".to_owned());
+                }
+                let ((size, root), (later_size, later_root)) = (tree_of(older)?, tree_of(newer)?);
+                let same = older.seq != newer.seq || older.head == newer.head;
+                if !same || !merkle::begins((size, &root), (later_size, &later_root), path) {
+                    return Err("the newer head is not shown to go on from the older one".to_owned());
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+fn check_version(version: u32) -> Result<(), String> {
+    if version == VERSION {
+        return Ok(());
+    }
+    Err(format!("it is of version {version}; this program reads version {VERSION}"))
+}

@@ -1,0 +1,319 @@
+//! Copies of a store, its history in one file, quick looks, and the verifier in Python that reads that file.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use holdpoint_registry::{
+    BackupParts, Store, VerifyError, backup, check_store, export_store, is_exported, rebuild, store_info,
+    verify, verify_export,
+};
+
+use crate::edits::{made, quick_folder};
+use crate::proofs::{heads, public_key};
+use crate::released::schema_1;
+use crate::support::*;
+
+const ALL: BackupParts = BackupParts { keys: true, recordings: true };
+
+#[test]
+fn a_copy_is_whole_while_an_engine_writes() {
+    let (folder, to) = (quick_folder(), quick_folder());
+    made(folder.path());
+    let store = open(folder.path());
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut number = 1;
+            while !done.load(Ordering::Relaxed) {
+                number += 1;
+                store.commit(transaction(&format!("more {number}"), number, Vec::new())).unwrap();
+            }
+        });
+        let mut records = 0;
+        for nth in 0..5 {
+            let copy = to.path().join(format!("copy-{nth}"));
+            let report = backup(folder.path(), &copy, BackupParts::default()).unwrap();
+            assert!(report.verified.records > records && report.verified.key_given, "{report:?}");
+            records = report.verified.records;
+            let alone = to.path().join(format!("copy-{nth}.db"));
+            backup(folder.path(), &alone, BackupParts::default()).unwrap();
+            assert!(verify(&alone, Some(&public_key(folder.path()))).unwrap().records >= records);
+        }
+        done.store(true, Ordering::Relaxed);
+    });
+    drop(store);
+    verify(&folder.path().join("holdpoint.db"), None).unwrap();
+    assert_eq!(fs::read_dir(to.path()).unwrap().count(), 10, "nothing is left beside the copies");
+}
+
+#[test]
+fn secrets_are_copied_only_where_they_are_asked_for() {
+    let (folder, to) = (quick_folder(), quick_folder());
+    made(folder.path());
+    fs::write(folder.path().join("recordings").join("a.rrd"), "scene").unwrap();
+    let (without, with) = (to.path().join("without"), to.path().join("with"));
+    assert!(!backup(folder.path(), &without, BackupParts::default()).unwrap().keys);
+    let keys = |folder: &Path| -> Vec<String> {
+        let mut names = Vec::new();
+        for place in ["keys", "keys/identities"] {
+            for entry in fs::read_dir(folder.join(place)).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_file() {
+                    names.push(path.file_name().unwrap().to_str().unwrap().to_owned());
+                }
+            }
+        }
+        names.sort();
+        names
+    };
+    assert_eq!(keys(&without), ["ada.pub", "store.pub"]);
+    assert!(!without.join("recordings").exists());
+    assert!(backup(folder.path(), &with, ALL).unwrap().keys);
+    assert_eq!(keys(&with), keys(folder.path()));
+    assert!(with.join("recordings").join("a.rrd").is_file());
+    // It is a store to go on with.
+    let head = open(folder.path()).opening().head;
+    let copied = open(&with);
+    assert_eq!(copied.opening().head, head);
+    shadowed(&copied, "place@1.2.0");
+    drop(copied);
+    verify(&with.join("holdpoint.db"), None).unwrap();
+    // Without keys nobody can.
+    assert!(unless_in_use(|| Store::open(&without)).map(drop).unwrap_err().to_string().contains("store.key"));
+}
+
+#[test]
+fn a_copy_overwrites_nothing_and_is_not_made_of_what_is_not_sound() {
+    let (folder, to) = (quick_folder(), quick_folder());
+    made(folder.path());
+    for name in ["folder", "file.db"] {
+        let there = to.path().join(name);
+        if name == "folder" {
+            fs::create_dir(&there).unwrap();
+        } else {
+            fs::write(&there, "mine").unwrap();
+        }
+        let said = backup(folder.path(), &there, ALL).unwrap_err().to_string();
+        assert!(said.contains("already"), "{said}");
+    }
+    assert_eq!(fs::read_to_string(to.path().join("file.db")).unwrap(), "mine");
+    let connection = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
+    connection.execute_batch("UPDATE family SET reason = 'edited'").unwrap();
+    drop(connection);
+    for name in ["other", "other.db"] {
+        let said = backup(folder.path(), &to.path().join(name), ALL).unwrap_err().to_string();
+        assert!(said.contains("is not sound") && said.contains("family"), "{said}");
+    }
+    assert!(backup(to.path(), &to.path().join("none"), ALL).is_err());
+    assert_eq!(fs::read_dir(to.path()).unwrap().count(), 2, "nothing is left");
+}
+
+#[test]
+fn a_quick_look_finds_what_is_plain_to_see() {
+    let folder = quick_folder();
+    made(folder.path());
+    let bad = || -> Vec<String> {
+        let found = check_store(folder.path()).unwrap();
+        found.into_iter().filter(|looked| !looked.good).map(|looked| looked.text).collect()
+    };
+    assert_eq!(bad(), Vec::<String>::new());
+    let info = store_info(folder.path()).unwrap();
+    assert_eq!((info.signed_at, info.in_use_by), (Some(info.records), None));
+    let store = open(folder.path());
+    assert!(store_info(folder.path()).unwrap().in_use_by.unwrap().contains("process"));
+    drop(store);
+    let sql = |text: &str| {
+        let connection = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
+        connection.execute_batch(text).unwrap();
+    };
+    sql("CREATE INDEX stray ON version (author); UPDATE audit_head SET seq = seq - 1");
+    let key = folder.path().join("keys").join("store.key");
+    let mode = std::os::unix::fs::PermissionsExt::from_mode;
+    fs::set_permissions(&key, mode(0o644)).unwrap();
+    let found = bad().join("\n");
+    for expected in ["not of this program", "was recorded at", "not the end", "chmod 600"] {
+        assert!(found.contains(expected), "{expected}: {found}");
+    }
+}
+
+/// The history of a store in one file.
+fn exported(folder: &Path, file: &Path) -> Vec<String> {
+    let mut bytes = Vec::new();
+    export_store(&folder.join("holdpoint.db"), Some(&public_key(folder)), &mut bytes).unwrap();
+    fs::write(file, &bytes).unwrap();
+    String::from_utf8(bytes).unwrap().lines().map(str::to_owned).collect()
+}
+
+/// What the verifier in Python says, `None` where there is no Python with `cryptography`.
+fn python(file: &Path) -> Option<serde_json::Value> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/verifier/verify.py");
+    let python = std::env::var_os("HOLDPOINT_PYTHON").unwrap_or_else(|| "python3".into());
+    let there = Command::new(&python).args(["-c", "import cryptography"]).output();
+    if !there.is_ok_and(|output| output.status.success()) {
+        assert!(
+            std::env::var_os("HOLDPOINT_PYTHON").is_none(),
+            "the Python that was named has no `cryptography`"
+        );
+        println!(
+            "LEFT OUT: there is no python3 with `cryptography`; the verifier in Python judges nothing here"
+        );
+        return None;
+    }
+    let output = Command::new(&python).arg(script).arg(file).arg("--json").output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}{error}"));
+    assert_eq!(output.status.code(), Some(i32::from(value["sound"] != true)), "{value}");
+    Some(value)
+}
+
+/// Both verifiers say the same of a file. Tells what ours says.
+fn both(file: &Path) -> Result<(), String> {
+    let ours = verify_export(file, None);
+    let theirs = python(file);
+    match (ours, theirs) {
+        (Ok(_), None) => Ok(()),
+        (Err(error), None) => Err(error.to_string()),
+        (Ok(report), Some(theirs)) => {
+            let mut expected = serde_json::to_value(&report).unwrap();
+            expected["sound"] = true.into();
+            assert_eq!(theirs, expected);
+            Ok(())
+        }
+        (Err(error), Some(theirs)) => {
+            let what = match &error {
+                VerifyError::Record { .. } => "record",
+                VerifyError::Checkpoint { .. } => "head",
+                VerifyError::Unsigned(_) => "end",
+                VerifyError::Approval { .. } => "approval",
+                VerifyError::Line { .. } => "line",
+                other => panic!("{other}"),
+            };
+            assert_eq!(
+                (&theirs["sound"], theirs["what"].as_str()),
+                (&false.into(), Some(what)),
+                "{theirs} {error}"
+            );
+            assert_eq!(theirs["record"].as_u64(), error.record(), "{theirs} {error}");
+            Err(error.to_string())
+        }
+    }
+}
+
+/// Stores with approvals, of an earlier version, and rebuilt with a gap.
+fn stores(root: &Path) -> Vec<PathBuf> {
+    let plain = root.join("plain");
+    made(&plain);
+    let released = schema_1(root);
+    let store = open(&released);
+    store.commit(transaction("one more", store.opening().head.at_ms, Vec::new())).unwrap();
+    drop(store);
+    let mended = root.join("mended");
+    made(&mended);
+    fs::remove_file(&heads(&mended)[1].0).unwrap();
+    let connection = rusqlite::Connection::open(mended.join("holdpoint.db")).unwrap();
+    let sql = "SELECT 'DROP TRIGGER ' || name || ';' FROM sqlite_schema WHERE type = 'trigger'";
+    let drops: Vec<String> = connection
+        .prepare(sql)
+        .unwrap()
+        .query_map([], |row| row.get(0))
+        .unwrap()
+        .map(Result::unwrap)
+        .collect();
+    connection.execute_batch(&drops.concat()).unwrap();
+    connection.execute_batch("UPDATE approval SET signed = '{}'").unwrap();
+    drop(connection);
+    unless_in_use(|| rebuild(&mended, "{}", 7)).unwrap().unwrap();
+    vec![plain, released, mended]
+}
+
+#[test]
+fn an_exported_store_is_sound_for_both_verifiers() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    for store in stores(root.path()) {
+        let lines = exported(&store, &file);
+        assert!(is_exported(&file) && !is_exported(&store.join("holdpoint.db")));
+        both(&file).unwrap_or_else(|problem| panic!("{store:?}: {problem}"));
+        let report = verify_export(&file, Some(&public_key(&store))).unwrap();
+        let whole = verify(&store.join("holdpoint.db"), Some(&public_key(&store))).unwrap();
+        assert_eq!((report.records, report.head, report.root), (whole.records, whole.head, whole.root));
+        assert_eq!((report.heads, report.approvals), (whole.checkpoints + 1, whole.approvals));
+        assert!(lines.iter().all(|line| line.bytes().all(|byte| (b' '..=b'~').contains(&byte))));
+    }
+    let other = holdpoint_approvals::keyfile::generate().unwrap().verifying_key();
+    assert!(verify_export(&file, Some(&other)).unwrap_err().to_string().contains("signature"));
+}
+
+#[test]
+fn a_damaged_export_is_judged_the_same_by_both() {
+    let root = quick_folder();
+    let (store, file) = (root.path().join("store"), root.path().join("store.jsonl"));
+    made(&store);
+    let lines = exported(&store, &file);
+    let at = |start: &str| lines.iter().position(|line| line.starts_with(start)).unwrap();
+    let (head, end, record, approval) =
+        (at("{\"head\""), at("{\"end\""), at("{\"record\""), at("{\"approval\""));
+    type Edit<'a> = Box<dyn Fn(&mut Vec<String>) + 'a>;
+    type Damage<'a> = (&'a str, Edit<'a>, &'a str);
+    let replaced = |line: usize, from: &'static str, to: &'static str| -> Edit<'static> {
+        Box::new(move |lines| {
+            assert!(lines[line].contains(from), "{}", lines[line]);
+            lines[line] = lines[line].replacen(from, to, 1);
+        })
+    };
+    let damages: Vec<Damage<'_>> = vec![
+        ("a record's text", replaced(record + 4, "{}", "{ }"), "audit record 5 is bad"),
+        ("a record's number", replaced(record + 4, "\"seq\":5", "\"seq\":6"), "audit record 5 is bad"),
+        ("a record's time", replaced(record + 6, "\"at_ms\":1", "\"at_ms\":0"), "audit record 7 is bad"),
+        ("a record gone", Box::new(|lines| drop(lines.remove(record + 9))), "audit record 10 is bad"),
+        (
+            "a record twice",
+            Box::new(|lines| lines.insert(record + 3, lines[record + 2].clone())),
+            "audit record 4",
+        ),
+        ("two changed round", Box::new(|lines| lines.swap(record + 1, record + 2)), "audit record 2 is bad"),
+        ("the last gone", Box::new(|lines| drop(lines.remove(approval - 1))), "is missing; the file is said"),
+        ("a head gone", Box::new(|lines| drop(lines.remove(head + 1))), "is missing"),
+        ("a head edited", replaced(head, "\"at_ms\":1", "\"at_ms\":2"), "does not match the public key"),
+        ("a tree edited", replaced(end, "\"root\":\"", "\"fold\":\""), "not signed to its end"),
+        ("no end", Box::new(|lines| drop(lines.remove(end))), "nobody signed where"),
+        (
+            "a head for the end",
+            Box::new(|lines| lines[end] = lines[head].replace("head\":{", "end\":{")),
+            "nobody signed",
+        ),
+        ("an approval gone", Box::new(|lines| drop(lines.remove(approval))), "it is missing"),
+        ("an approval twice", Box::new(|lines| lines.push(lines[approval].clone())), "it is there twice"),
+        ("an approval edited", replaced(approval, "\"seen\"", "\"Seen\""), "does not match the decision"),
+        (
+            "another's approval",
+            replaced(approval, "\"who\":\"ada\"", "\"who\":\"bob\""),
+            "does not match the decision",
+        ),
+        ("not JSON", replaced(record + 2, "{", "["), "line"),
+        ("a line of nothing", Box::new(|lines| lines.insert(record, "{}".to_owned())), "line"),
+        (
+            "a second first line",
+            Box::new(|lines| lines.insert(record, lines[0].clone())),
+            "does not belong here",
+        ),
+        ("heads at the end", Box::new(|lines| lines.push(lines[head].clone())), "does not belong here"),
+        ("another form", replaced(0, "\"version\":1", "\"version\":2"), "line 1"),
+        ("another store", replaced(0, "\"store_id\":\"", "\"store_id\":\"a"), "belongs to the store"),
+        ("fewer records", replaced(0, "\"records\":", "\"records\":1"), "is missing; the file is said"),
+    ];
+    for (what, damage, expected) in damages {
+        let mut lines = lines.clone();
+        damage(&mut lines);
+        fs::write(&file, lines.join("\n") + "\n").unwrap();
+        let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
+        assert!(said.contains(expected), "{what}: {said}");
+    }
+    fs::write(&file, lines.join("\n")).unwrap();
+    assert!(both(&file).unwrap_err().contains("cut short"));
+    fs::write(&file, "").unwrap();
+    assert!(both(&file).unwrap_err().contains("line 1"));
+}

@@ -1,0 +1,148 @@
+//! Proofs of the chain that are checked without the store.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use ed25519_dalek::VerifyingKey;
+use holdpoint_approvals::keyfile;
+use holdpoint_registry::{Checkpoint, Proof, kept_head, prove_consistency, prove_record, verify};
+
+use crate::edits::{made, quick_folder};
+use crate::released::schema_1;
+use crate::support::*;
+
+pub fn public_key(folder: &Path) -> VerifyingKey {
+    keyfile::read_public(&folder.join("keys").join("store.pub")).unwrap().0
+}
+
+/// The checkpoints beside a store, oldest first.
+pub fn heads(folder: &Path) -> Vec<(PathBuf, Checkpoint)> {
+    let all = fs::read_dir(folder.join("checkpoints")).unwrap().map(|entry| entry.unwrap().path());
+    let mut all: Vec<_> = all.filter(|path| path.extension().is_some_and(|it| it == "json")).collect();
+    all.sort();
+    all.into_iter().map(|path| (path.clone(), Checkpoint::read(&path).unwrap())).collect()
+}
+
+/// Every byte of a proof, changed in several ways, makes it none or makes it false.
+fn every_byte_counts(proof: &Proof, key: &VerifyingKey) {
+    let text = proof.text().unwrap();
+    let holds = |text: &str| Proof::parse(text).is_ok_and(|proof| proof.check(key).is_ok());
+    assert!(holds(&text) && holds(&format!("{text}\n")));
+    for at in 0..text.len() {
+        for flip in [1, 2, 4, 0x20, 0x40] {
+            let mut bytes = text.clone().into_bytes();
+            bytes[at] ^= flip;
+            let Ok(edited) = String::from_utf8(bytes) else { continue };
+            assert!(!holds(&edited), "byte {at}: {edited}");
+        }
+        let mut cut = text.clone();
+        cut.remove(at);
+        assert!(!holds(&cut), "without byte {at}: {cut}");
+        let mut longer = text.clone();
+        longer.insert(at, ' ');
+        assert!(!holds(&longer), "with a space at {at}");
+    }
+}
+
+#[test]
+fn every_record_has_a_proof_that_needs_no_store() {
+    let (folder, other) = (quick_folder(), quick_folder());
+    made(folder.path());
+    made(other.path());
+    let (database, key) = (folder.path().join("holdpoint.db"), public_key(folder.path()));
+    let records = verify(&database, Some(&key)).unwrap().records;
+    assert!(records > 20, "{records}");
+    for seq in 1..=records {
+        let proof = prove_record(&database, seq).unwrap();
+        proof.check(&key).unwrap();
+        proof.check(&public_key(other.path())).unwrap_err();
+        let Proof::Inclusion { record, path, head, .. } = &proof else { panic!("{proof:?}") };
+        assert!(record.seq == seq && head.seq == records && path.len() <= 8, "{proof:?}");
+    }
+    every_byte_counts(&prove_record(&database, 7).unwrap(), &key);
+    for missing in [0, records + 1, u64::MAX >> 1] {
+        let said = prove_record(&database, missing).unwrap_err().to_string();
+        assert!(said.contains(&format!("the chain ends at record {records}")), "{said}");
+    }
+    // Steps of another record, and another record under these steps.
+    let (one, two) = (prove_record(&database, 3).unwrap(), prove_record(&database, 4).unwrap());
+    let (Proof::Inclusion { record, head, .. }, Proof::Inclusion { path, .. }) = (one, two) else { panic!() };
+    let mixed = Proof::Inclusion { version: 1, record, path, head };
+    assert!(mixed.check(&key).unwrap_err().to_string().contains("not shown to be below"));
+}
+
+#[test]
+fn the_chain_is_shown_to_go_on_from_each_of_its_heads() {
+    let (folder, other) = (quick_folder(), quick_folder());
+    made(folder.path());
+    made(other.path());
+    let (database, key) = (folder.path().join("holdpoint.db"), public_key(folder.path()));
+    let kept = heads(folder.path());
+    assert!(kept.len() >= 3);
+    for (_, head) in &kept {
+        assert_eq!(kept_head(folder.path(), head.seq).unwrap(), *head);
+        let proof = prove_consistency(&database, head).unwrap();
+        proof.check(&key).unwrap();
+        assert_eq!(proof.heads()[0], head);
+    }
+    every_byte_counts(&prove_consistency(&database, &kept[0].1).unwrap(), &key);
+    let said = kept_head(folder.path(), kept[0].1.seq + 1).unwrap_err().to_string();
+    assert!(said.contains("the nearest"), "{said}");
+    let said = prove_consistency(&database, &heads(other.path())[0].1).unwrap_err().to_string();
+    assert!(said.contains("belongs to the store"), "{said}");
+    // Put back to where it was before, and gone on otherwise.
+    let before = fs::read(&database).unwrap();
+    let store = open(folder.path());
+    shadowed(&store, "place@1.2.0");
+    drop(store);
+    let (_, later) = heads(folder.path()).pop().unwrap();
+    fs::write(&database, &before).unwrap();
+    let said = prove_consistency(&database, &later).unwrap_err().to_string();
+    assert!(said.contains("it was cut off"), "{said}");
+    fs::remove_file(folder.path().join("checkpoints").join(format!("{:012}.json", later.seq))).unwrap();
+    let store = open(folder.path());
+    shadowed(&store, "place@1.3.0");
+    shadowed(&store, "place@1.4.0");
+    drop(store);
+    let said = prove_consistency(&database, &later).unwrap_err().to_string();
+    assert!(said.contains("history was rewritten"), "{said}");
+}
+
+#[test]
+fn a_store_of_an_earlier_version_has_none_before_an_engine_signed_its_tree() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = schema_1(folder.path());
+    let database = store.join("holdpoint.db");
+    assert!(prove_record(&database, 1).unwrap_err().to_string().contains("an earlier version signed"));
+    let (_, earlier) = heads(&store).pop().unwrap();
+    drop(open(&store));
+    let proof = prove_record(&database, 1).unwrap();
+    proof.check(&public_key(&store)).unwrap();
+    assert!(proof.text().unwrap().len() < 64 << 10);
+    let said = prove_consistency(&database, &earlier).unwrap_err().to_string();
+    assert!(said.contains("without a tree"), "{said}");
+    // That end names the checkpoints before it: each is missed from then on.
+    for (file, _) in heads(&store) {
+        let text = fs::read(&file).unwrap();
+        fs::remove_file(&file).unwrap();
+        let said =
+            unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
+        assert!(said.contains("is missing") || said.contains("does not follow"), "{said}");
+        verify(&database, None).unwrap_err();
+        fs::write(&file, text).unwrap();
+    }
+    drop(open(&store));
+}
+
+#[test]
+fn nothing_is_forged_behind_a_checkpoint_of_an_earlier_version() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = schema_1(folder.path());
+    let kept = heads(&store);
+    // Cut back to a checkpoint that followed from nothing, and the records after it left as if nobody had to sign them.
+    let (newest, _) = kept.last().unwrap();
+    fs::remove_file(newest).unwrap();
+    let said = unless_in_use(|| holdpoint_registry::Store::open(&store)).map(drop).unwrap_err().to_string();
+    assert!(said.contains("nobody signed the records after"), "{said}");
+    verify(&store.join("holdpoint.db"), None).unwrap_err();
+}

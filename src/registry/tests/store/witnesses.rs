@@ -1,0 +1,363 @@
+//! Heads that are kept elsewhere: copies that somebody made, and witnesses that get every checkpoint.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use holdpoint_approvals::keyfile;
+use holdpoint_registry::{
+    Checkpoint, Judged, Store, StoreError, VerifyError, WITNESSES_MAX, add_witness, export_store,
+    look_at_witness, prove_record, remove_witness, verify, verify_against, witnesses,
+};
+use holdpoint_text::Hint as _;
+
+use crate::edits::{made, quick_folder};
+use crate::proofs::{heads, public_key};
+use crate::support::*;
+
+const BY: &str = "{\"user\":\"ada\"}";
+
+/// Everything in a folder, in another one.
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let (from, to) = (entry.as_ref().unwrap().path(), to.join(entry.unwrap().file_name()));
+        if from.is_dir() {
+            copy(&from, &to);
+        } else {
+            fs::copy(&from, &to).unwrap();
+        }
+    }
+}
+
+/// The store put back to what it was.
+fn put_back(folder: &Path, before: &Path) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() { fs::remove_dir_all(path).unwrap() } else { fs::remove_file(path).unwrap() }
+    }
+    copy(before, folder);
+}
+
+fn against(folder: &Path, copies: &[PathBuf]) -> Result<u64, VerifyError> {
+    let key = public_key(folder);
+    let judged = Judged { key: Some(&key), against: copies, tell: &|_, _, _| {} };
+    verify_against(&folder.join("holdpoint.db"), &judged).map(|report| report.copies)
+}
+
+/// What a comparison says, by the file that it names.
+fn said(found: Result<u64, VerifyError>, file: &Path) -> String {
+    match found.unwrap_err() {
+        VerifyError::Copy { file: named, problem } => {
+            assert!(named.starts_with(&file.display().to_string()), "{named}: {problem}");
+            problem
+        }
+        other => panic!("{other}"),
+    }
+}
+
+/// Every form in which heads of a store can be kept elsewhere.
+fn forms(folder: &Path, kept: &Path) -> Vec<PathBuf> {
+    let database = folder.join("holdpoint.db");
+    copy(&folder.join("checkpoints"), &kept.join("checkpoints"));
+    copy(folder, &kept.join("store"));
+    fs::copy(&database, kept.join("alone.db")).unwrap();
+    let (newest, _) = heads(folder).pop().unwrap();
+    fs::copy(newest, kept.join("newest.json")).unwrap();
+    fs::write(kept.join("proof.json"), prove_record(&database, 3).unwrap().text().unwrap()).unwrap();
+    let mut exported = Vec::new();
+    export_store(&database, Some(&public_key(folder)), &mut exported).unwrap();
+    fs::write(kept.join("store.jsonl"), exported).unwrap();
+    ["checkpoints", "store", "alone.db", "newest.json", "proof.json", "store.jsonl"]
+        .map(|name| kept.join(name))
+        .into()
+}
+
+#[test]
+fn a_store_that_was_put_back_is_found_against_every_form_of_copy() {
+    let (folder, before, kept) = (quick_folder(), quick_folder(), quick_folder());
+    made(folder.path());
+    copy(folder.path(), before.path());
+    let store = open(folder.path());
+    shadowed(&store, "place@1.2.0");
+    drop(store);
+    let forms = forms(folder.path(), kept.path());
+    assert!(against(folder.path(), &forms).unwrap() > 8);
+    put_back(folder.path(), before.path());
+    // By itself it is sound: nothing in it says that there was more.
+    verify(&folder.path().join("holdpoint.db"), None).unwrap();
+    drop(open(folder.path()));
+    for form in &forms {
+        let said = said(against(folder.path(), std::slice::from_ref(form)), form);
+        assert!(said.contains("were cut off"), "{form:?}: {said}");
+    }
+    // Gone on from there, it is another history.
+    let store = open(folder.path());
+    for version in ["place@1.3.0", "place@1.4.0", "place@1.5.0"] {
+        shadowed(&store, version);
+    }
+    drop(store);
+    for form in &forms {
+        let said = said(against(folder.path(), std::slice::from_ref(form)), form);
+        assert!(said.contains("history was rewritten"), "{form:?}: {said}");
+    }
+    assert_eq!(against(folder.path(), &[before.path().join("checkpoints")]).unwrap(), 3);
+}
+
+#[test]
+fn the_tail_cut_together_with_its_newest_checkpoint_is_found() {
+    let (folder, kept) = (quick_folder(), quick_folder());
+    made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    let cut = fs::read(&database).unwrap();
+    let store = open(folder.path());
+    shadowed(&store, "place@1.2.0");
+    drop(store);
+    let (newest, head) = heads(folder.path()).pop().unwrap();
+    let copied = kept.path().join("head.json");
+    fs::rename(newest, &copied).unwrap();
+    fs::write(&database, cut).unwrap();
+    drop(open(folder.path()));
+    let said = said(against(folder.path(), std::slice::from_ref(&copied)), &copied);
+    let expected = format!("it was signed at record {}", head.seq);
+    assert!(said.contains(&expected) && said.contains("were cut off"), "{said}");
+}
+
+#[test]
+fn what_is_no_copy_of_this_store_is_named() {
+    let (folder, other, kept) = (quick_folder(), quick_folder(), quick_folder());
+    made(folder.path());
+    made(other.path());
+    let path = |name: &str| kept.path().join(name);
+    let (file, head) = heads(folder.path()).pop().unwrap();
+    let secret = keyfile::read_secret(&folder.path().join("keys").join("store.key")).unwrap();
+    let sign = |head: &Checkpoint, root: &str, key: &ed25519_dalek::SigningKey| {
+        let end = holdpoint_registry::Head { seq: head.seq, hash: head.head, at_ms: head.at_ms };
+        let signed =
+            Checkpoint::sign(&head.store_id, (end, digest(root)), head.link.clone().unwrap(), None, key);
+        serde_json::to_string(&signed).unwrap()
+    };
+    fs::write(path("tree.json"), sign(&head, "another tree", &secret)).unwrap();
+    fs::write(path("key.json"), sign(&head, "x", &keyfile::generate().unwrap())).unwrap();
+    fs::copy(&heads(other.path())[0].0, path("other.json")).unwrap();
+    fs::write(path("garbage"), [0xff; 100]).unwrap();
+    fs::write(path("empty"), "").unwrap();
+    fs::create_dir(path("nothing")).unwrap();
+    let edited = fs::read_to_string(&file).unwrap().replace("\"number\"", "\"nomber\"");
+    fs::write(path("form.json"), edited).unwrap();
+    for (name, expected) in [
+        ("tree.json", "are not those that it was signed over"),
+        ("key.json", "its signature does not match"),
+        ("other.json", "it belongs to the store"),
+        ("garbage", "no checkpoint, proof, database or exported store"),
+        ("empty", "it holds no signed head"),
+        ("nothing", "it holds no signed head"),
+        ("form.json", "no checkpoint, proof, database or exported store"),
+        ("not-there", "No such file"),
+    ] {
+        let said = said(against(folder.path(), &[file.clone(), path(name)]), &path(name));
+        assert!(said.contains(expected), "{name}: {said}");
+    }
+}
+
+/// A witness that the store has.
+fn witnessed(folder: &Path) -> (tempfile::TempDir, String) {
+    let witness = quick_folder();
+    let name = witness.path().display().to_string();
+    let store = open(folder);
+    add_witness(&store, &name, BY.to_owned(), 7).unwrap();
+    (witness, name)
+}
+
+#[test]
+fn a_store_that_was_put_back_is_refused_by_its_witness() {
+    let (folder, before) = (quick_folder(), quick_folder());
+    made(folder.path());
+    let (witness, _) = witnessed(folder.path());
+    drop(open(folder.path()));
+    copy(folder.path(), before.path());
+    let store = open(folder.path());
+    shadowed(&store, "place@1.2.0");
+    let store_id = store.store_id().to_owned();
+    drop(store);
+    let newest = heads(folder.path()).pop().unwrap().1;
+    let sent = witness.path().join(&store_id).join(format!("{:012}.json", newest.seq));
+    assert_eq!(Checkpoint::read(&sent).unwrap(), newest);
+    verify(&folder.path().join("holdpoint.db"), None).unwrap();
+    put_back(folder.path(), before.path());
+    let refused = || unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
+    let error = refused();
+    assert!(error.to_string().contains("were cut off"), "{error}");
+    assert!(error.hint().unwrap().contains("put the newer store back"));
+    assert!(matches!(verify(&folder.path().join("holdpoint.db"), None), Err(VerifyError::Copy { .. })));
+    // What the witness itself was cut back to, or what others put there, proves nothing.
+    fs::rename(&sent, folder.path().join("head")).unwrap();
+    fs::write(sent.with_file_name("999999999999.json"), "{}").unwrap();
+    drop(open(folder.path()));
+    fs::remove_file(sent.with_file_name("999999999999.json")).unwrap();
+    // Gone on otherwise meanwhile, it is refused by the head that comes back.
+    let store = open(folder.path());
+    for version in ["place@1.3.0", "place@1.4.0"] {
+        shadowed(&store, version);
+    }
+    drop(store);
+    verify(&folder.path().join("holdpoint.db"), None).unwrap();
+    let mut heads_there: Vec<_> =
+        fs::read_dir(sent.parent().unwrap()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    heads_there.retain(|path| *path > sent);
+    for path in heads_there {
+        fs::remove_file(path).unwrap();
+    }
+    fs::rename(folder.path().join("head"), &sent).unwrap();
+    assert!(refused().to_string().contains("history was rewritten"), "{}", refused());
+    // The way out is taken at the witness.
+    fs::rename(sent.parent().unwrap(), witness.path().join("put-aside")).unwrap();
+    let store = open(folder.path());
+    let problem = store.checkpoint_problem().unwrap();
+    assert!(problem.contains("witness"), "{problem}");
+}
+
+/// A commit with a checkpoint behind it.
+fn checkpointed(store: &Store, number: u64) {
+    let text = "x".repeat(10);
+    let many = |nth: u64| holdpoint_registry::AuditBody {
+        kind: holdpoint_governance::record::RecordKind::Monitor,
+        subject: String::new(),
+        body: format!("{{\"text\":\"{text}{nth}\"}}"),
+    };
+    let mut transaction = transaction(&format!("many {number}"), number, Vec::new());
+    transaction.audit = (0..256).map(many).collect();
+    store.commit(transaction).unwrap();
+}
+
+/// What the store says of its witness once it has tried.
+fn settled(store: &Store, wanted: bool) -> Option<String> {
+    let until = Instant::now() + Duration::from_secs(20);
+    loop {
+        let problem = store.checkpoint_problem();
+        if problem.is_some() == wanted || Instant::now() > until {
+            return problem;
+        }
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn the_store_works_on_where_a_witness_cannot_be_written() {
+    let folder = quick_folder();
+    made(folder.path());
+    let (witness, name) = witnessed(folder.path());
+    let store = open(folder.path());
+    let place = witness.path().join(store.store_id());
+    let aside = witness.path().join("aside");
+    let start = store.opening().head.at_ms;
+    assert_eq!(store.checkpoint_problem(), None);
+    fs::rename(&place, &aside).unwrap();
+    let full = || {
+        fs::create_dir(&place).unwrap();
+        for seq in 0..4000 {
+            symlink("/dev/full", place.join(format!("{seq:012}.part"))).unwrap();
+        }
+    };
+    type Break<'a> = (&'a str, &'a dyn Fn(), &'a str);
+    let breaks: [Break<'_>; 4] = [
+        ("gone", &|| {}, "is not there"),
+        ("a file", &|| fs::write(&place, "").unwrap(), "is not there"),
+        ("read-only", &|| symlink("/proc", &place).unwrap(), "cannot create"),
+        ("full", &full, "No space left"),
+    ];
+    for (number, (what, break_it, expected)) in (1..).zip(breaks) {
+        break_it();
+        checkpointed(&store, start + number * 2);
+        let problem = settled(&store, true).unwrap_or_else(|| panic!("{what} is not noticed"));
+        assert!(problem.contains(&name) && problem.contains(expected), "{what}: {problem}");
+        let looked = look_at_witness(&name, store.store_id());
+        assert_eq!(looked.is_ok(), what == "full" || what == "read-only", "{what}: {looked:?}");
+        match fs::symlink_metadata(&place) {
+            Ok(found) if found.is_dir() => fs::remove_dir_all(&place).unwrap(),
+            Ok(_) => fs::remove_file(&place).unwrap(),
+            Err(_) => {}
+        }
+        fs::rename(&aside, &place).unwrap();
+        checkpointed(&store, start + number * 2 + 1);
+        assert_eq!(settled(&store, false), None, "after {what}");
+        fs::rename(&place, &aside).unwrap();
+    }
+    fs::rename(&aside, &place).unwrap();
+    drop(store);
+    verify(&folder.path().join("holdpoint.db"), None).unwrap();
+}
+
+#[test]
+fn a_witness_that_hangs_holds_nobody_up() {
+    let folder = quick_folder();
+    made(folder.path());
+    let (witness, _) = witnessed(folder.path());
+    let store = open(folder.path());
+    let start = store.opening().head;
+    let place = witness.path().join(store.store_id());
+    // To write into a pipe that nobody reads takes for ever.
+    for seq in start.seq..start.seq + 600 {
+        let pipe = place.join(format!("{seq:012}.part"));
+        drop(fs::remove_file(&pipe));
+        let mode = rustix::fs::Mode::from_raw_mode(0o600);
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, mode, 0).unwrap();
+    }
+    let began = Instant::now();
+    checkpointed(&store, start.at_ms + 1);
+    checkpointed(&store, start.at_ms + 2);
+    assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
+    let began = Instant::now();
+    drop(store);
+    assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
+}
+
+#[test]
+fn witnesses_are_on_record_and_nowhere_else() {
+    let folder = quick_folder();
+    made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    let (witness, name) = witnessed(folder.path());
+    assert_eq!(witnesses(&database).unwrap(), [name.clone()].into());
+    let store = open(folder.path());
+    let add = |folder: &str| add_witness(&store, folder, BY.to_owned(), 7);
+    assert!(matches!(add(&name), Err(StoreError::Exists { .. })));
+    for address in ["https://example.org/w", "ssh://host/w", "ada@host:/w"] {
+        let said = add(address).unwrap_err().to_string();
+        assert!(said.contains("speaks to no network"), "{said}");
+    }
+    for bad in ["relative", "", "/not/there", "/etc/hostname", "/a\nb"] {
+        assert!(matches!(add(bad), Err(StoreError::Invalid { .. })), "{bad}");
+    }
+    assert!(matches!(
+        remove_witness(&store, "/not/there", BY.to_owned(), 7),
+        Err(StoreError::NotFound { .. })
+    ));
+    let more: Vec<_> = (1..=WITNESSES_MAX).map(|_| quick_folder()).collect();
+    for (nth, another) in more.iter().enumerate() {
+        let added = add(&another.path().display().to_string());
+        assert_eq!(added.is_ok(), nth + 1 < WITNESSES_MAX, "{nth}: {added:?}");
+    }
+    remove_witness(&store, &name, BY.to_owned(), 7).unwrap();
+    assert_eq!(witnesses(&database).unwrap().len(), WITNESSES_MAX - 1);
+    let removed_at = store.views().unwrap().head().unwrap().seq;
+    checkpointed(&store, store.opening().head.at_ms + 1);
+    let store_id = store.store_id().to_owned();
+    drop(store);
+    // The last it was told is the head under which it was removed.
+    let mut told: Vec<_> =
+        fs::read_dir(witness.path().join(store_id)).unwrap().map(|it| it.unwrap()).collect();
+    told.sort_by_key(fs::DirEntry::file_name);
+    assert_eq!(Checkpoint::read(&told.pop().unwrap().path()).unwrap().seq, removed_at);
+    // A rebuild keeps them, and a record that is edited away is missed.
+    let sql = "UPDATE family SET reason = 'edited'";
+    rusqlite::Connection::open(&database).unwrap().execute_batch(sql).unwrap();
+    unless_in_use(|| holdpoint_registry::rebuild(folder.path(), BY, 7)).unwrap().unwrap();
+    assert_eq!(witnesses(&database).unwrap().len(), WITNESSES_MAX - 1);
+    let before = more[0].path().display().to_string();
+    let edit = format!("UPDATE audit SET body = replace(body, '{before}', '/elsewhere')");
+    crate::damage::rewrite(folder.path(), &edit);
+    verify(&database, None).unwrap_err();
+    unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
+}

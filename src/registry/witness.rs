@@ -1,0 +1,380 @@
+//! Witnesses: folders elsewhere that get every new checkpoint, so that a store that is cut back or put back to an earlier
+//! state is found by its next start.
+//!
+//! Which folders they are is on record in the chain, and nowhere else. A witness has one folder for each store, which is
+//! made when the witness is added and never again: where a mount is gone, nothing is written under its mount point. Each
+//! is written by a thread of its own with a bounded queue, for a network folder may hang.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use ed25519_dalek::VerifyingKey;
+use serde::Deserialize;
+
+use super::change::{Change, Transaction};
+use super::checkpoint::{self, Checkpoint};
+use super::copies::{ChainAt, check_copy};
+use super::error::StoreError;
+use super::layout::{sync_folder, write_atomically};
+use super::migrate::STORE;
+use super::open::open_reader;
+use super::signed;
+use super::store::Store;
+use holdpoint_governance::ids::is_name;
+use holdpoint_governance::record::RecordKind;
+
+/// The most witnesses of one store.
+pub const WITNESSES_MAX: usize = 8;
+/// Heads that may wait for one witness. A head stands for all before it, so that one left off is no loss.
+const QUEUE_MAX: usize = 64;
+/// How long an end waits for heads that are still on their way to a witness.
+const END_WAIT: Duration = Duration::from_secs(3);
+/// How long a start waits for what a witness has.
+const READ_WAIT: Duration = Duration::from_secs(10);
+/// Files of a witness that a start looks at until one is a head that the store signed.
+const LOOKED_AT_MAX: usize = 64;
+/// The longest path, bytes.
+const PATH_BYTES_MAX: usize = 1024;
+
+/// The witnesses that cannot be written or read at present, each with why.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Problems(Arc<Mutex<BTreeMap<String, String>>>);
+
+impl Problems {
+    fn set(&self, folder: &str, problem: Option<String>) {
+        let mut problems = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match problem {
+            Some(problem) => drop(problems.insert(folder.to_owned(), problem)),
+            None => drop(problems.remove(folder)),
+        }
+    }
+
+    /// All of them, in the order of the folders.
+    pub(crate) fn all(&self) -> Vec<String> {
+        let problems = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        problems.iter().map(|(folder, problem)| format!("the witness {folder:?}: {problem}")).collect()
+    }
+}
+
+/// Where a witness keeps the heads of one store.
+pub(crate) fn folder_of(witness: &str, store_id: &str) -> PathBuf {
+    Path::new(witness).join(store_id)
+}
+
+/// The path of a witness as it goes on record.
+///
+/// # Errors
+/// If it is no absolute path, or an address.
+pub(crate) fn check_path(path: &str) -> Result<(), StoreError> {
+    let bad = |allowed: &str| Err(StoreError::invalid("witness", path, allowed));
+    let address = path.contains("://") || (path.contains('@') && path.contains(':'));
+    if address {
+        return bad(
+            "a folder; this program speaks to no network, so name one that something else carries there (a mount of \
+             NFS or sshfs, a clone that git pushes, a synchronised folder)",
+        );
+    }
+    if !Path::new(path).is_absolute() || path.len() > PATH_BYTES_MAX || path.chars().any(char::is_control) {
+        return bad("an absolute path of at most 1024 bytes without control characters");
+    }
+    Ok(())
+}
+
+/// Makes a store's folder in a witness and puts its newest head there.
+///
+/// # Errors
+/// If it cannot be written.
+pub(crate) fn prepare(witness: &str, head: &Checkpoint) -> Result<(), StoreError> {
+    let root = Path::new(witness);
+    if !root.is_dir() {
+        return Err(StoreError::invalid("witness", witness, "a folder that is there"));
+    }
+    if !is_name(&head.store_id) {
+        return Err(StoreError::invalid("store id", &head.store_id, "a name: a-z, 0-9, '.', '_', '-'"));
+    }
+    let folder = folder_of(witness, &head.store_id);
+    if !folder.is_dir() {
+        fs::create_dir(&folder).map_err(StoreError::io("make the folder of a witness", &folder))?;
+        sync_folder(root)?;
+    }
+    put(&folder, head)
+}
+
+fn put(folder: &Path, head: &Checkpoint) -> Result<(), StoreError> {
+    let text =
+        serde_json::to_string(head).map_err(|error| StoreError::invalid("checkpoint", head.seq, error))?;
+    write_atomically(&folder.join(checkpoint::name(head.seq)), text.as_bytes())
+}
+
+/// Adds a witness: its folder for this store is made, and it is on record from then on. `by` is who asked for it as the
+/// system says, JSON text.
+///
+/// # Errors
+/// If the folder cannot be written, there are too many, or it is one already.
+pub fn add_witness(store: &Store, folder: &str, by: String, wall_ms: i64) -> Result<(), StoreError> {
+    check_path(folder)?;
+    if witnesses(&store.layout().database())?.contains(folder) {
+        return Err(StoreError::Exists { what: "witness", name: folder.to_owned() });
+    }
+    let connection = open_reader(&store.layout().database(), &STORE)?;
+    let unreadable = |problem: String| StoreError::invalid("signed end", "", problem);
+    let Some(end) = signed::read(&connection).map_err(unreadable)? else {
+        return Err(StoreError::invalid("store", store.store_id(), "one with at least one record"));
+    };
+    prepare(folder, &end)?;
+    set(store, folder, true, by, wall_ms)
+}
+
+/// Removes a witness, on record. What it has stays there.
+///
+/// # Errors
+/// If it is none.
+pub fn remove_witness(store: &Store, folder: &str, by: String, wall_ms: i64) -> Result<(), StoreError> {
+    if !witnesses(&store.layout().database())?.contains(folder) {
+        return Err(StoreError::NotFound { what: "witness", name: folder.to_owned() });
+    }
+    set(store, folder, false, by, wall_ms)
+}
+
+fn set(store: &Store, folder: &str, present: bool, by: String, wall_ms: i64) -> Result<(), StoreError> {
+    let head = store.views()?.head()?;
+    store
+        .commit(Transaction {
+            command_id: format!("witness-{}", head.seq + 1),
+            at_ms: head.at_ms,
+            wall_ms,
+            changes: vec![Change::SetWitness { folder: folder.to_owned(), present, by }],
+            audit: Vec::new(),
+        })
+        .map(drop)
+}
+
+/// The folders that get every checkpoint of a store, as its records say.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
+    #[derive(Deserialize)]
+    struct Body {
+        change: Change,
+    }
+    let error = StoreError::sql("read the audit chain");
+    let connection = open_reader(database, &STORE)?;
+    let mut select =
+        connection.prepare("SELECT seq, body FROM audit WHERE kind = ?1 ORDER BY seq").map_err(&error)?;
+    let mut rows = select.query([RecordKind::WitnessSet.name()]).map_err(&error)?;
+    let mut found = BTreeSet::new();
+    while let Some(row) = rows.next().map_err(&error)? {
+        let (seq, body): (u64, String) = (row.get(0).map_err(&error)?, row.get(1).map_err(&error)?);
+        let read: Body =
+            serde_json::from_str(&body).map_err(|it| StoreError::invalid("audit record", seq, it))?;
+        if let Change::SetWitness { folder, present, .. } = read.change {
+            if present {
+                found.insert(folder);
+            } else {
+                found.remove(&folder);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Whether a witness takes heads of a store; looks, and writes nothing.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn look_at_witness(witness: &str, store_id: &str) -> Result<u64, String> {
+    let folder = folder_of(witness, store_id);
+    let names = checkpoint::names(&folder).map_err(|error| described(&error, &folder))?;
+    let access = rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK;
+    rustix::fs::access(&folder, access).map_err(|error| format!("it cannot be written: {error}"))?;
+    Ok(names.len() as u64)
+}
+
+/// Sends heads to every witness.
+#[derive(Debug, Default)]
+pub(crate) struct Senders {
+    threads: Vec<Sender>,
+    problems: Problems,
+}
+
+#[derive(Debug)]
+struct Sender {
+    witness: String,
+    heads: SyncSender<Checkpoint>,
+    ended: Receiver<()>,
+}
+
+impl Senders {
+    pub(crate) fn new(problems: Problems) -> Self {
+        Self { threads: Vec::new(), problems }
+    }
+
+    /// Sends to these folders from now on, and to no others.
+    pub(crate) fn set<'a>(&mut self, witnesses: impl Iterator<Item = &'a String>, store_id: &str) {
+        let wanted: Vec<&String> = witnesses.collect();
+        let (kept, gone) = std::mem::take(&mut self.threads)
+            .into_iter()
+            .partition(|it: &Sender| wanted.contains(&&it.witness));
+        self.threads = kept;
+        for sender in gone {
+            let witness = sender.witness.clone();
+            end(sender);
+            self.problems.set(&witness, None);
+        }
+        for witness in wanted {
+            if self.threads.iter().any(|it| it.witness == *witness) {
+                continue;
+            }
+            match start(witness, store_id, self.problems.clone()) {
+                Ok(sender) => self.threads.push(sender),
+                Err(error) => self.problems.set(witness, Some(error.to_string())),
+            }
+        }
+    }
+
+    /// Sends a head; never waits.
+    pub(crate) fn send(&self, head: &Checkpoint) {
+        for sender in &self.threads {
+            let problem = match sender.heads.try_send(head.clone()) {
+                Ok(()) => continue,
+                Err(TrySendError::Full(_)) => {
+                    format!(
+                        "it has not taken the last {QUEUE_MAX} heads; whatever it is mounted from may hang"
+                    )
+                }
+                Err(TrySendError::Disconnected(_)) => "what writes it has ended".to_owned(),
+            };
+            self.problems.set(&sender.witness, Some(problem));
+        }
+    }
+}
+
+impl Drop for Senders {
+    fn drop(&mut self) {
+        self.threads.drain(..).for_each(end);
+    }
+}
+
+/// Lets a sender finish. One that hangs is left behind: it ends with the process.
+fn end(sender: Sender) {
+    drop(sender.heads);
+    match sender.ended.recv_timeout(END_WAIT) {
+        Ok(()) | Err(RecvTimeoutError::Disconnected | RecvTimeoutError::Timeout) => {}
+    }
+}
+
+fn start(witness: &str, store_id: &str, problems: Problems) -> std::io::Result<Sender> {
+    let (heads, incoming) = sync_channel::<Checkpoint>(QUEUE_MAX);
+    let (done, ended) = sync_channel(1);
+    let (name, folder) = (witness.to_owned(), folder_of(witness, store_id));
+    thread::Builder::new().name("witness".to_owned()).spawn(move || {
+        while let Ok(mut head) = incoming.recv() {
+            // The newest of those that wait stands for the others; each has its file where there is time for it.
+            let mut waiting = vec![];
+            while let Ok(next) = incoming.try_recv() {
+                waiting.push(std::mem::replace(&mut head, next));
+            }
+            let written =
+                put(&folder, &head).and_then(|()| waiting.iter().try_for_each(|it| put(&folder, it)));
+            problems.set(&name, written.err().map(|error| described(&error, &folder)));
+        }
+        // Nobody may wait for it any more.
+        let _ = done.send(());
+    })?;
+    Ok(Sender { witness: witness.to_owned(), heads, ended })
+}
+
+fn described(error: &StoreError, folder: &Path) -> String {
+    if folder.is_dir() {
+        return error.to_string();
+    }
+    format!("{error}; the folder of this store is not there: what it is mounted from may be gone")
+}
+
+/// What a start found at a witness.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Testimony {
+    /// The newest head there is of this chain, or there is none yet.
+    Agrees,
+    /// It cannot be asked.
+    Silent(String),
+    /// The store signed a head that is not of this chain.
+    Against { file: String, problem: String },
+}
+
+/// Asks a witness for the newest head that this store signed.
+pub(crate) fn ask(
+    witness: &str,
+    (store_id, key): (&str, &VerifyingKey),
+    end: u64,
+    chain_at: impl FnOnce(u64) -> Option<ChainAt>,
+) -> Testimony {
+    let (answer, newest) = sync_channel(1);
+    let (folder, key_there, id) = (folder_of(witness, store_id), *key, store_id.to_owned());
+    let asked = thread::Builder::new().name("witness".to_owned()).spawn(move || {
+        // A start that did not wait for it has gone on.
+        let _ = answer.send(newest_signed(&folder, &id, &key_there));
+    });
+    let found = match asked {
+        Ok(_) => newest.recv_timeout(READ_WAIT),
+        Err(error) => return Testimony::Silent(error.to_string()),
+    };
+    match found {
+        Err(_) => Testimony::Silent(format!("it did not answer within {} s", READ_WAIT.as_secs())),
+        Ok(Err(problem)) => Testimony::Silent(problem),
+        Ok(Ok(None)) => Testimony::Agrees,
+        Ok(Ok(Some((file, head)))) => match check_copy(&head, (store_id, Some(key)), end, chain_at) {
+            Ok(()) => Testimony::Agrees,
+            Err(problem) => Testimony::Against { file, problem },
+        },
+    }
+}
+
+/// The newest head in a folder that this store signed; what it did not sign proves nothing and is passed over.
+fn newest_signed(
+    folder: &Path,
+    store_id: &str,
+    key: &VerifyingKey,
+) -> Result<Option<(String, Checkpoint)>, String> {
+    let names = checkpoint::names(folder).map_err(|error| error.to_string())?;
+    for name in names.iter().rev().take(LOOKED_AT_MAX) {
+        let path = folder.join(name);
+        if let Ok(head) = Checkpoint::read(&path)
+            && head.store_id == store_id
+            && head.is_signed_by(key)
+        {
+            return Ok(Some((path.display().to_string(), head)));
+        }
+    }
+    if names.is_empty() {
+        return Ok(None);
+    }
+    Err("this store signed none of its newest files".to_owned())
+}
+
+/// Asks every witness, and notes those that are silent.
+///
+/// # Errors
+/// The first that speaks against the chain.
+pub(crate) fn ask_all<'a>(
+    witnesses: impl Iterator<Item = &'a String>,
+    by: (&str, &VerifyingKey),
+    end: u64,
+    chain_at: impl Fn(u64) -> Option<ChainAt>,
+    problems: &Problems,
+) -> Result<(), (String, String)> {
+    for witness in witnesses {
+        match ask(witness, by, end, &chain_at) {
+            Testimony::Agrees => {}
+            Testimony::Silent(problem) => problems.set(witness, Some(problem)),
+            Testimony::Against { file, problem } => return Err((file, problem)),
+        }
+    }
+    Ok(())
+}

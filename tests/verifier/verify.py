@@ -1,0 +1,393 @@
+#!/usr/bin/env python3
+"""Verifies a file of `holdpoint store export` without Holdpoint.
+
+    verify.py FILE [--key store.pub] [--json]
+
+Needs Python 3.9 or newer and the package `cryptography`. Ends with 0 if the file is sound, with 1 if it is not, and with 2
+if it cannot be read. It was written from the form that the guide describes (`holdpoint help records`), not from the
+program's code, and looks at the same things in the same order: records, signed heads, signed end, approvals.
+"""
+
+import argparse
+import hashlib
+import json
+import re
+import sys
+
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+LINE_BYTES_MAX = 32 << 20
+HEADS_KEPT_MAX = 1000
+ZEROS = bytes(32)
+
+
+class Bad(Exception):
+    """The first thing that is not sound: what kind of thing, which one, and why."""
+
+    def __init__(self, what, which, problem):
+        super().__init__(problem)
+        self.what, self.which, self.problem = what, which, problem
+
+    def sentence(self):
+        return {
+            "record": f"audit record {self.which} is bad: {self.problem}",
+            "head": f"the checkpoint in line {self.which} is bad: {self.problem}",
+            "end": f"the audit chain is not signed to its end: {self.problem}",
+            "approval": f"the approval {self.which} is bad: {self.problem}",
+            "line": f"line {self.which} is bad: {self.problem}",
+        }[self.what]
+
+
+def digest(domain, *parts):
+    """SHA-256 over every part behind its length, eight bytes with the lowest first; the domain is the first part."""
+    hasher = hashlib.sha256()
+    for part in (domain.encode(), *parts):
+        hasher.update(len(part).to_bytes(8, "little"))
+        hasher.update(part)
+    return hasher.digest()
+
+
+def number(value):
+    """A whole number as it is hashed."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"{value!r} is no number")
+    return value.to_bytes(8, "little")
+
+
+def digits(text, count):
+    """Bytes from hexadecimal digits in lower case."""
+    if not isinstance(text, str) or not re.fullmatch("[0-9a-f]{%d}" % (2 * count), text):
+        raise ValueError(f"{text!r} is not {2 * count} hexadecimal digits")
+    return bytes.fromhex(text)
+
+
+def text(value):
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r} is no text")
+    return value.encode()
+
+
+class Tree:
+    """The Merkle tree of RFC 9162: the roots of its complete subtrees, the largest first."""
+
+    def __init__(self):
+        self.size, self.peaks = 0, []
+
+    def push(self, record_hash):
+        right = hashlib.sha256(b"\x00" + record_hash).digest()
+        size = self.size
+        while size & 1:
+            right = hashlib.sha256(b"\x01" + self.peaks.pop() + right).digest()
+            size >>= 1
+        self.peaks.append(right)
+        self.size += 1
+
+    def root(self):
+        if not self.peaks:
+            return hashlib.sha256(b"").digest()
+        right = self.peaks[-1]
+        for left in reversed(self.peaks[:-1]):
+            right = hashlib.sha256(b"\x01" + left + right).digest()
+        return right
+
+
+def fields(value, needed, optional=()):
+    """The fields of an object, which has no others."""
+    if not isinstance(value, dict) or set(value) - set(needed) - set(optional) or set(needed) - set(value):
+        raise ValueError("its fields are not those of its form")
+    return value
+
+
+class Head:
+    """A signed head: the end of the chain at some moment."""
+
+    def __init__(self, value, line):
+        fields(value, ("store_id", "seq", "at_ms", "head", "signature"), ("fold", "link", "root"))
+        self.line, self.store_id, self.seq = line, value["store_id"], value["seq"]
+        self.hash = digits(value["head"], 32)
+        self.root = digits(value["root"], 32) if value.get("root") is not None else None
+        self.signature = digits(value["signature"], 64)
+        self.link = value.get("link")
+        fold = digits(value["fold"], 32) if value.get("fold") is not None else None
+        end = [text(self.store_id), number(self.seq), number(value["at_ms"]), self.hash]
+        if self.link is not None:
+            link = fields(self.link, ("number", "previous"), ("gap", "earlier"))
+            self.number, self.previous = link["number"], digits(link["previous"], 32)
+            self.gap, self.earlier = link.get("gap", False), link.get("earlier", 0)
+            if not isinstance(self.gap, bool):
+                raise ValueError("a gap is true or false")
+            linked = [number(self.number), self.previous, bytes([self.gap])]
+            if self.root is not None:
+                parts = [*end, *linked, number(self.earlier), self.root, fold or b""]
+                self.signed = digest("holdpoint/checkpoint/v4", *parts)
+            else:
+                self.signed = digest("holdpoint/checkpoint/v3", *end, *linked, fold or b"")
+        else:
+            self.number, self.previous, self.gap, self.earlier = 0, None, False, 0
+            if fold is not None:
+                self.signed = digest("holdpoint/checkpoint/v2", *end, fold)
+            else:
+                self.signed = digest("holdpoint/checkpoint/v1", *end)
+
+    def digest(self):
+        return digest("holdpoint/checkpoint-digest/v1", self.signed, self.signature.hex().encode())
+
+    def follows(self, before):
+        """Why it does not follow from the one before, if it does not."""
+        if self.root is None and before is not None and before.root is not None:
+            return "it has no tree head, although the one before has"
+        if self.link is None:
+            if before is not None and before.link is not None:
+                return "it follows from no other"
+            return None
+        expected = (before.number if before else 0) + 1
+        if self.gap or (self.number, self.previous) == (expected, before.digest() if before else ZEROS):
+            return None
+        if self.number > expected:
+            return f"checkpoint number {self.number - 1}, which was before it, is missing"
+        return f"checkpoint number {self.number} does not follow from the one before"
+
+
+def signed_by(key, signature, message):
+    try:
+        key.verify(signature, message)
+    except InvalidSignature:
+        return False
+    return True
+
+
+class Export:
+    """What was read of the file. Records are let go once they were looked at."""
+
+    def __init__(self, header):
+        self.header = header
+        self.heads, self.end = [], None
+        self.seq, self.last, self.at_ms = 0, ZEROS, 0
+        self.tree, self.seen, self.spoken_of = Tree(), {}, set()
+        self.put, self.lost, self.approvals = {}, set(), []
+
+    def take(self, line, value):
+        if not isinstance(value, dict) or len(value) != 1:
+            raise Bad("line", line, "it is none of an exported store")
+        (kind, content), = value.items()
+        if kind in ("head", "end") and (self.seq > 0 or self.end is not None):
+            raise Bad("line", line, "it does not belong here")
+        try:
+            if kind == "head":
+                self.heads.append(Head(content, line))
+                self.spoken_of.add(self.heads[-1].seq)
+            elif kind == "end":
+                self.end = Head(content, line)
+                self.spoken_of.add(self.end.seq)
+            elif kind == "record" and not self.approvals:
+                self.take_record(content)
+            elif kind == "approval":
+                self.approvals.append(content)
+            else:
+                raise Bad("line", line, "it does not belong here")
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
+            raise Bad("line", line, str(error)) from error
+
+    def take_record(self, record):
+        seq = self.seq + 1
+        names = ("seq", "prev", "hash", "at_ms", "kind", "subject", "body", "wall_ms")
+        record = {name: record[name] for name in names}
+        found, prev = digits(record["hash"], 32), digits(record["prev"], 32)
+        if record["seq"] != seq:
+            raise Bad("record", seq, f"it is missing; the next one is {record['seq']}")
+        if prev != self.last:
+            raise Bad("record", seq, "it does not follow from the record before")
+        expected = digest(
+            "holdpoint/audit/v1",
+            prev,
+            number(record["seq"]),
+            number(record["at_ms"]),
+            text(record["kind"]),
+            text(record["subject"]),
+            text(record["body"]),
+        )
+        if found != expected:
+            raise Bad("record", seq, "its content does not match its hash")
+        if record["at_ms"] < self.at_ms:
+            raise Bad("record", seq, "it is older than the record before")
+        if record["kind"] == "approval-put":
+            self.put[json.loads(record["body"])["change"]["nonce"]] = seq
+        if record["kind"] == "store-rebuilt":
+            for table, key, _ in json.loads(record["body"])["rows"]:
+                if table == "approval":
+                    self.lost.add(key)
+        self.seq, self.last, self.at_ms = seq, found, record["at_ms"]
+        self.tree.push(found)
+        if seq in self.spoken_of:
+            self.seen[seq] = (found, self.tree.root())
+
+    def check(self, key):
+        if self.seq != self.header["records"]:
+            raise Bad("record", self.seq + 1, f"it is missing; the file is said to have {self.header['records']}")
+        for head in self.heads:
+            self.check_head("head", head, key)
+        if self.end is not None:
+            self.check_head("end", self.end, key)
+            if self.end.seq != self.seq:
+                raise Bad("end", None, f"nobody signed the records after {self.end.seq}")
+        elif self.seq > 0:
+            raise Bad("end", None, f"nobody signed where the audit chain ends, at record {self.seq}")
+        if not (self.end is not None and self.end.gap):
+            self.check_links()
+        self.check_approvals()
+
+    def check_head(self, what, head, key):
+        if head.store_id != self.header["store_id"]:
+            raise Bad(what, head.line, f"it belongs to the store {head.store_id!r}")
+        if not signed_by(key, head.signature, head.signed):
+            raise Bad(what, head.line, "its signature does not match the public key")
+        if head.seq == 0:
+            return
+        if head.seq not in self.seen:
+            raise Bad(what, head.line, f"its record {head.seq} is missing")
+        found, root = self.seen[head.seq]
+        if found != head.hash:
+            raise Bad(what, head.line, "its record is another one: history was rewritten")
+        if head.root is not None and head.root != root:
+            raise Bad(what, head.line, "its tree head is not the one of these records")
+
+    def check_links(self):
+        heads = self.heads
+        since = max((index for index, head in enumerate(heads) if head.gap), default=0)
+        for index in range(since, len(heads)):
+            if index == 0 and len(heads) >= HEADS_KEPT_MAX:
+                continue
+            problem = heads[index].follows(heads[index - 1] if index else None)
+            if problem:
+                raise Bad("head", heads[index].line, problem)
+        earlier = sum(head.link is None for head in heads)
+
+        def counted(head):
+            if head.gap or earlier >= head.earlier or len(heads) >= HEADS_KEPT_MAX:
+                return None
+            return f"there are {earlier} checkpoints of earlier versions; one is missing of {head.earlier}"
+
+        linked = [head for head in heads if head.link is not None]
+        if linked and (problem := counted(linked[-1])):
+            raise Bad("head", linked[-1].line, problem)
+        if self.end is None:
+            return
+        newest = heads[-1] if heads else None
+        same = newest and (newest.link, newest.seq, newest.hash) == (self.end.link, self.end.seq, self.end.hash)
+        problem = (None if same else self.end.follows(newest)) or counted(self.end)
+        if problem:
+            raise Bad("end", None, problem)
+
+    def check_approvals(self):
+        found = set()
+        for signed in self.approvals:
+            approval = signed["approval"]
+            nonce = approval["nonce"]
+            parts = [
+                text(approval["store_id"]),
+                text(approval["who"]),
+                text(approval["role"]),
+                text(approval["decision"]),
+                text(approval["reason"]),
+                text(approval["version"]),
+                digits(approval["candidate_digest"], 32),
+                number(approval["row_version"]),
+                digits(approval["evidence_digest"], 32),
+                digits(approval["policy_digest"], 32),
+                text(approval["profile"]),
+                text(nonce),
+                number(approval["not_after_ms"]),
+            ]
+            if approval.get("break_glass", False):
+                parts.append(b"break-glass")
+            try:
+                key = Ed25519PublicKey.from_public_bytes(digits(signed["public_key"], 32))
+                good = signed_by(key, digits(signed["signature"], 64), digest("holdpoint/approval/v1", *parts))
+            except ValueError:
+                good = False
+            if not good:
+                raise Bad("approval", nonce, "its signature does not match the decision")
+            if approval["store_id"] != self.header["store_id"]:
+                raise Bad("approval", nonce, "it was made for another store")
+            if nonce not in self.put:
+                raise Bad("approval", nonce, "no record speaks of it")
+            if nonce in found:
+                raise Bad("approval", nonce, "it is there twice")
+            found.add(nonce)
+        missing = sorted(set(self.put) - found - self.lost)
+        if missing:
+            raise Bad("approval", missing[0], "it is missing")
+
+
+def lines(file):
+    for line in range(1, sys.maxsize):
+        read = file.readline(LINE_BYTES_MAX + 1)
+        if not read:
+            return
+        if len(read) > LINE_BYTES_MAX:
+            raise Bad("line", line, f"it has more than {LINE_BYTES_MAX} bytes")
+        if not read.endswith(b"\n"):
+            raise Bad("line", line, "the file is cut short in it")
+        try:
+            yield line, json.loads(read)
+        except (ValueError, RecursionError) as error:
+            raise Bad("line", line, str(error)) from error
+
+
+def verify(file, key):
+    rest = lines(file)
+    _, first = next(rest, (1, None))
+    try:
+        header = fields(first["export"], ("format", "version", "store_id", "records", "public_key"))
+        if (header["format"], header["version"]) != ("holdpoint-store-export", 1):
+            raise ValueError
+        number(header["records"])
+        if key is None:
+            key = Ed25519PublicKey.from_public_bytes(digits(header["public_key"], 32))
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise Bad("line", 1, "it does not say that the file is an exported store of version 1, and of which key") from error
+    export = Export(header)
+    for line, value in rest:
+        export.take(line, value)
+    export.check(key)
+    return export
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Verifies a file of `holdpoint store export`.")
+    parser.add_argument("file")
+    parser.add_argument("--key", help="the store's public key, kept elsewhere")
+    parser.add_argument("--json", action="store_true", help="one line of JSON")
+    options = parser.parse_args()
+    try:
+        key = None
+        if options.key:
+            with open(options.key, encoding="utf-8") as file:
+                key = Ed25519PublicKey.from_public_bytes(digits(file.read().split()[0], 32))
+        with open(options.file, "rb") as file:
+            export = verify(file, key)
+    except Bad as bad:
+        record = bad.which if bad.what == "record" else None
+        answer = {"sound": False, "what": bad.what, "record": record, "problem": bad.sentence()}
+        print(json.dumps(answer) if options.json else f"not sound: {bad.sentence()}")
+        return 1
+    except (OSError, ValueError, IndexError) as error:
+        print(f"cannot read it: {error}", file=sys.stderr)
+        return 2
+    answer = {
+        "sound": True,
+        "store_id": export.header["store_id"],
+        "records": export.seq,
+        "head": export.last.hex(),
+        "root": export.tree.root().hex(),
+        "heads": len(export.heads) + (export.end is not None),
+        "approvals": len(export.approvals),
+        "key_given": key is not None,
+    }
+    print(json.dumps(answer) if options.json else f"sound: {export.seq} records, head {export.last.hex()}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
