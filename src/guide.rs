@@ -38,6 +38,9 @@ pub mod kept {}
 #[doc = include_str!("guide/attacks.md")]
 pub mod attacks {}
 
+#[doc = include_str!("guide/records.md")]
+pub mod records {}
+
 #[doc = include_str!("guide/metrics.md")]
 pub mod metrics {}
 

@@ -287,6 +287,93 @@ fn a_fresh_store_can_be_read_and_verified() {
     );
 }
 
+/// A store with a few records.
+fn small_store(folder: &std::path::Path) {
+    let store = holdpoint_registry::Store::open(folder).unwrap();
+    for number in 1..=9 {
+        let record = holdpoint_registry::AuditBody {
+            kind: holdpoint_governance::record::RecordKind::Decision,
+            subject: String::new(),
+            body: format!("{{\"number\":{number}}}"),
+        };
+        let transaction = holdpoint_registry::Transaction {
+            command_id: format!("command {number}"),
+            at_ms: number,
+            wall_ms: 0,
+            changes: Vec::new(),
+            audit: vec![record],
+        };
+        store.commit(transaction).unwrap();
+    }
+}
+
+#[test]
+fn a_history_is_proved_copied_witnessed_and_looked_at() {
+    let root = tempfile::tempdir().unwrap();
+    let path = |name: &str| root.path().join(name).to_str().unwrap().to_owned();
+    let (data, witness) = (path("store"), path("witness"));
+    std::fs::create_dir(&witness).unwrap();
+    small_store(std::path::Path::new(&data));
+    let said = |line: &[&str], expected: Exit| -> String {
+        let all: Vec<&str> = ["--data", &data].into_iter().chain(line.iter().copied()).collect();
+        let (ended, text, _) = ask(&all);
+        match ended {
+            Ok(ended) => assert_eq!(ended, expected, "{line:?}: {text}"),
+            Err(error) => {
+                assert_eq!(error.exit(), expected, "{line:?}: {error}");
+                return error.to_string();
+            }
+        }
+        text
+    };
+    let (proof, since, key) = (path("proof.json"), path("since.json"), path("store/keys/store.pub"));
+    said(&["audit", "proof", "4", "--out", &proof], Exit::Confirmed);
+    assert!(said(&["audit", "proof", "4", "--out", &proof], Exit::Usage).contains("cannot write"));
+    assert!(said(&["audit", "proof", "10"], Exit::Usage).contains("ends at record 9"));
+    assert!(said(&["audit", "consistency", "--from", "3"], Exit::Usage).contains("no checkpoint was made"));
+    said(&["audit", "witness", "add", &witness], Exit::Confirmed);
+    said(&["audit", "consistency", "--from", "9", "--out", &since], Exit::Confirmed);
+    for file in [&proof, &since] {
+        let told = said(&["audit", "check-proof", file], Exit::Confirmed);
+        assert!(told.starts_with("holds: "), "{told}");
+        let json = said(&["audit", "check-proof", file, "--public-key", &key, "--json"], Exit::Confirmed);
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&json).unwrap()["holds"], true);
+    }
+    let other = path("other");
+    small_store(std::path::Path::new(&other));
+    let other_key = path("other/keys/store.pub");
+    let told = said(&["audit", "check-proof", &proof, "--public-key", &other_key], Exit::Rejected);
+    assert!(told.contains("is not signed with this key"), "{told}");
+    assert!(said(&["audit", "check-proof", &key], Exit::Usage).contains("is no proof"));
+    assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains(&witness));
+    assert!(said(&["audit", "witness", "add", "https://a/b"], Exit::Usage).contains("no network"));
+    assert!(said(&["doctor"], Exit::Confirmed).contains(&witness));
+    let told = said(&["audit", "verify", "--all", "--against", &proof], Exit::Confirmed);
+    assert!(told.contains("heads elsewhere") && told.contains("recordings         0"), "{told}");
+    let told = said(&["audit", "verify", "--against", &path("other/checkpoints")], Exit::Rejected);
+    assert!(told.contains("belongs to the store"), "{told}");
+    let (copy, lines) = (path("copy"), path("store.jsonl"));
+    said(&["store", "backup", &copy], Exit::Confirmed);
+    assert!(said(&["store", "backup", &copy], Exit::Usage).contains("already"));
+    said(&["store", "export", &lines], Exit::Confirmed);
+    for against in [&copy, &lines, &witness] {
+        said(&["audit", "verify", "--against", against], Exit::Confirmed);
+    }
+    assert!(said(&["audit", "verify", "--file", &lines], Exit::Confirmed).contains("the file names itself"));
+    let told = said(&["audit", "verify", "--file", &lines, "--key", &other_key], Exit::Rejected);
+    assert!(told.contains("does not match the public key"), "{told}");
+    assert!(said(&["store", "check"], Exit::Confirmed).contains("none is missing"));
+    let info: serde_json::Value =
+        serde_json::from_str(&said(&["store", "info", "--json"], Exit::Confirmed)).unwrap();
+    assert_eq!((&info["records"], &info["signed_at"]), (&10.into(), &10.into()));
+    said(&["audit", "witness", "remove", &witness], Exit::Confirmed);
+    assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains("no witnesses"));
+    let told = said(&["audit", "verify", "--file", &lines, "--key", &key, "--json"], Exit::Confirmed);
+    assert!(told.contains("\"sound\":true"), "{told}");
+    // What the export said is less than the chain by now, and its beginning.
+    said(&["audit", "verify", "--against", &lines], Exit::Confirmed);
+}
+
 /// The lines of a source file that are neither comments nor tests.
 fn code(text: &str) -> impl Iterator<Item = &str> {
     let code = text.split("#[cfg(test)]\nmod ").next().unwrap_or(text);

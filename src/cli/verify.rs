@@ -67,7 +67,8 @@ pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>)
     }
     let bar = LateBar::new();
     let tell = |what: &'static str, done: u64, total: u64| bar.tell(what, done, total);
-    let judged = Judged { key: key.as_ref(), against: &args.against, tell: &tell };
+    let asked = args.file.is_none();
+    let judged = Judged { key: key.as_ref(), against: &args.against, witnesses: asked, tell: &tell };
     let found = verify_against(&database, &judged);
     if !args.all || found.is_err() {
         drop(bar);

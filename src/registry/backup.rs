@@ -113,7 +113,7 @@ fn remove(path: &Path) -> Result<(), StoreError> {
 
 fn make(layout: &Layout, part: &Path, to: &Path, parts: BackupParts) -> Result<BackupReport, BackupError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
-    let judged = Judged { key: key.as_ref(), against: &[], tell: &|_, _, _| {} };
+    let judged = Judged { key: key.as_ref(), against: &[], witnesses: false, tell: &|_, _, _| {} };
     let alone = to.extension().is_some_and(|ending| ending == "db");
     let database = if alone { part.to_owned() } else { copy_folder(layout, part, parts)? };
     if alone {

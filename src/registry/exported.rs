@@ -1,8 +1,7 @@
 //! A store's history in one file of JSON lines, for whoever verifies it without this program.
 //!
 //! The first line says what the file is, then come the signed heads, the signed end, the records of the chain, and the
-//! signed approvals. The guide has the form in full (`holdpoint help records`), with how every hash and signature is
-//! made. What is judged here is what another verifier can judge by the file alone.
+//! signed approvals. The guide's page on records has the form in full, with how every hash and signature is made. What is judged here is what another verifier can judge by the file alone.
 
 use std::collections::BTreeSet;
 use std::fs::File;

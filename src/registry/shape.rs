@@ -32,3 +32,63 @@ fn parts(connection: &Connection) -> rusqlite::Result<SchemaParts> {
         .prepare("SELECT type, name, coalesce(sql, '') || ' on ' || tbl_name FROM sqlite_schema")?;
     select.query_map([], |row| Ok(((row.get(0)?, row.get(1)?), row.get(2)?)))?.collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::migrate::{STORE, TELEMETRY};
+
+    const SCHEMAS: [&Schema; 2] = [&STORE, &TELEMETRY];
+
+    /// What a database of an early schema keeps through every later step.
+    fn mark(connection: &Connection, schema: &Schema) {
+        if schema.application_id == STORE.application_id {
+            connection.execute_batch("INSERT INTO meta (key, value) VALUES ('mark', 'kept')").unwrap();
+        }
+    }
+
+    #[test]
+    fn every_released_schema_is_brought_to_the_newest_step_by_step() {
+        for schema in SCHEMAS {
+            for from in 1..=schema.newest() {
+                let mut connection = Connection::open_in_memory().unwrap();
+                migrate_to(&mut connection, schema, from).unwrap();
+                mark(&connection, schema);
+                for step in from..=schema.newest() {
+                    migrate_to(&mut connection, schema, step).unwrap();
+                    assert_eq!(version(&connection).unwrap(), step);
+                    assert_eq!(first_difference(&connection, schema).unwrap(), None, "{from} to {step}");
+                }
+                let id: i32 = connection.query_row("PRAGMA application_id", [], |row| row.get(0)).unwrap();
+                assert_eq!(id, schema.application_id);
+                if schema.application_id == STORE.application_id {
+                    let kept = "SELECT count(*) FROM meta WHERE key = 'mark' AND value = 'kept'";
+                    assert_eq!(connection.query_row(kept, [], |row| row.get::<_, u64>(0)).unwrap(), 1);
+                }
+                // What the steps made does not depend on where they began.
+                let mut at_once = Connection::open_in_memory().unwrap();
+                migrate_to(&mut at_once, schema, schema.newest()).unwrap();
+                assert_eq!(parts(&connection).unwrap(), parts(&at_once).unwrap());
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_that_fails_is_undone_as_a_whole() {
+        let failing = Schema {
+            application_id: STORE.application_id,
+            steps: &[
+                "CREATE TABLE one (a TEXT) STRICT",
+                "CREATE TABLE two (a TEXT) STRICT; INSERT INTO one VALUES ('x'); SELECT * FROM nothing",
+            ],
+        };
+        let mut connection = Connection::open_in_memory().unwrap();
+        migrate_to(&mut connection, &failing, 2).unwrap_err();
+        assert_eq!(version(&connection).unwrap(), 1);
+        assert_eq!(first_difference(&connection, &failing).unwrap(), None);
+        assert_eq!(
+            connection.query_row("SELECT count(*) FROM one", [], |row| row.get::<_, u64>(0)).unwrap(),
+            0
+        );
+    }
+}

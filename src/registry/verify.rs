@@ -33,6 +33,8 @@ pub struct Judged<'a> {
     pub key: Option<&'a VerifyingKey>,
     /// Files and folders with signed heads that were kept elsewhere.
     pub against: &'a [PathBuf],
+    /// Whether the store's witnesses are asked; a copy of a store is older than what they have.
+    pub witnesses: bool,
     /// Is told how far it is: what is looked at, how much of it was, and how much there is.
     pub tell: &'a dyn Fn(&'static str, u64, u64),
 }
@@ -183,7 +185,7 @@ fn unreadable(source: rusqlite::Error) -> VerifyError {
 /// # Errors
 /// As [`verify_against`].
 pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
-    verify_against(database, &Judged { key: public_key, against: &[], tell: &|_, _, _| {} })
+    verify_against(database, &Judged { key: public_key, against: &[], witnesses: true, tell: &|_, _, _| {} })
 }
 
 /// Verifies the store in this database file against heads of it that were kept elsewhere, too.
@@ -225,7 +227,8 @@ pub fn verify_against(database: &Path, judged: &Judged<'_>) -> Result<VerifyRepo
         copies.extend(read_copies(path, &store_id).map_err(bad_copy)?);
     }
     let mut named = check_copies(&copies, &mut fold, by, |_| false)?;
-    let (of_witnesses, witnesses_silent) = heads_of_witnesses(&fold, &store_id);
+    let (of_witnesses, witnesses_silent) =
+        if judged.witnesses { heads_of_witnesses(&fold, &store_id) } else { (Vec::new(), Vec::new()) };
     // An engine may have written on since, and its witnesses may know.
     let since = |copy: &HeldCopy| is_on_record(database, &copy.checkpoint);
     named += check_copies(&of_witnesses, &mut fold, by, since)?;

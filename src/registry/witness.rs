@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ed25519_dalek::VerifyingKey;
 use serde::Deserialize;
@@ -32,6 +32,8 @@ use holdpoint_governance::record::RecordKind;
 pub const WITNESSES_MAX: usize = 8;
 /// Heads that may wait for one witness. A head stands for all before it, so that one left off is no loss.
 const QUEUE_MAX: usize = 64;
+/// A head that waits longer for its witness is told.
+const SLOW: Duration = Duration::from_secs(30);
 /// How long an end waits for heads that are still on their way to a witness.
 const END_WAIT: Duration = Duration::from_secs(3);
 /// How long a start waits for what a witness has.
@@ -208,6 +210,8 @@ struct Sender {
     witness: String,
     heads: SyncSender<Checkpoint>,
     ended: Receiver<()>,
+    /// Since when a head waits, if one does.
+    waits: Arc<Mutex<Option<Instant>>>,
 }
 
 impl Senders {
@@ -241,8 +245,11 @@ impl Senders {
     /// Sends a head; never waits.
     pub(crate) fn send(&self, head: &Checkpoint) {
         for sender in &self.threads {
+            let since =
+                *sender.waits.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(Instant::now);
             let problem = match sender.heads.try_send(head.clone()) {
-                Ok(()) => continue,
+                Ok(()) if since.elapsed() < SLOW => continue,
+                Ok(()) => format!("it has taken no head for {} s", since.elapsed().as_secs()),
                 Err(TrySendError::Full(_)) => {
                     format!(
                         "it has not taken the last {QUEUE_MAX} heads; whatever it is mounted from may hang"
@@ -273,6 +280,8 @@ fn start(witness: &str, store_id: &str, problems: Problems) -> std::io::Result<S
     let (heads, incoming) = sync_channel::<Checkpoint>(QUEUE_MAX);
     let (done, ended) = sync_channel(1);
     let (name, folder) = (witness.to_owned(), folder_of(witness, store_id));
+    let waits = Arc::new(Mutex::new(None));
+    let waits_there = Arc::clone(&waits);
     thread::Builder::new().name("witness".to_owned()).spawn(move || {
         while let Ok(mut head) = incoming.recv() {
             // The newest of those that wait stands for the others; each has its file where there is time for it.
@@ -282,12 +291,13 @@ fn start(witness: &str, store_id: &str, problems: Problems) -> std::io::Result<S
             }
             let written =
                 put(&folder, &head).and_then(|()| waiting.iter().try_for_each(|it| put(&folder, it)));
+            *waits_there.lock().unwrap_or_else(PoisonError::into_inner) = None;
             problems.set(&name, written.err().map(|error| described(&error, &folder)));
         }
         // Nobody may wait for it any more.
         let _ = done.send(());
     })?;
-    Ok(Sender { witness: witness.to_owned(), heads, ended })
+    Ok(Sender { witness: witness.to_owned(), heads, ended, waits })
 }
 
 fn described(error: &StoreError, folder: &Path) -> String {

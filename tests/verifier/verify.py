@@ -4,8 +4,7 @@
     verify.py FILE [--key store.pub] [--json]
 
 Needs Python 3.9 or newer and the package `cryptography`. Ends with 0 if the file is sound, with 1 if it is not, and with 2
-if it cannot be read. It was written from the form that the guide describes (`holdpoint help records`), not from the
-program's code, and looks at the same things in the same order: records, signed heads, signed end, approvals.
+if it cannot be read. It follows the form that the guide describes (src/guide/records.md) and looks at the same things in the same order: records, signed heads, signed end, approvals.
 """
 
 import argparse

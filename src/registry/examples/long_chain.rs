@@ -20,7 +20,10 @@ use std::time::Instant;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditBody, Change, Store, StoreError, Transaction, Views, rebuild, verify};
+use holdpoint_registry::{
+    AuditBody, BackupParts, Change, Store, StoreError, Transaction, Views, backup, export_store,
+    prove_record, rebuild, verify,
+};
 use rusqlite::Connection;
 use store::{bootstrap, evidence, shadowed};
 
@@ -100,6 +103,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("  {} MB", fs::metadata(&database)?.len() / 1_000_000);
         timed("start", || Store::open(folder.path()).map(drop))?;
         timed("shown without an engine", || Views::open_checked(&database).map(drop))?;
+        let middle = records / 2;
+        let proof = timed("proof of a record", || prove_record(&database, middle))?;
+        println!("  which has {} bytes", proof.text()?.len());
+        timed("proof checked", || proof.check(&key))?;
+        timed("exported", || export_store(&database, Some(&key), &mut std::io::sink()))?;
+        timed("backup", || backup(folder.path(), &folder.path().join("copy"), BackupParts::default()))?;
         remove_snapshots(folder.path());
         timed("start without a snapshot", || Store::open(folder.path()).map(drop))?;
         timed("verify", || verify(&database, Some(&key)))?;

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use holdpoint_approvals::keyfile;
 use holdpoint_registry::{
-    Checkpoint, Judged, Store, StoreError, VerifyError, WITNESSES_MAX, add_witness, export_store,
-    look_at_witness, prove_record, remove_witness, verify, verify_against, witnesses,
+    BackupParts, Checkpoint, Judged, Store, StoreError, VerifyError, WITNESSES_MAX, add_witness, backup,
+    export_store, look_at_witness, prove_record, remove_witness, verify, verify_against, witnesses,
 };
 use holdpoint_text::Hint as _;
 
@@ -42,7 +42,7 @@ fn put_back(folder: &Path, before: &Path) {
 
 fn against(folder: &Path, copies: &[PathBuf]) -> Result<u64, VerifyError> {
     let key = public_key(folder);
-    let judged = Judged { key: Some(&key), against: copies, tell: &|_, _, _| {} };
+    let judged = Judged { key: Some(&key), against: copies, witnesses: true, tell: &|_, _, _| {} };
     verify_against(&folder.join("holdpoint.db"), &judged).map(|report| report.copies)
 }
 
@@ -185,6 +185,10 @@ fn a_store_that_was_put_back_is_refused_by_its_witness() {
     let sent = witness.path().join(&store_id).join(format!("{:012}.json", newest.seq));
     assert_eq!(Checkpoint::read(&sent).unwrap(), newest);
     verify(&folder.path().join("holdpoint.db"), None).unwrap();
+    // A copy of before is sound, and older than what the witness has.
+    let alone = before.path().join("alone.db");
+    backup(before.path(), &alone, BackupParts::default()).unwrap();
+    fs::remove_file(alone).unwrap();
     put_back(folder.path(), before.path());
     let refused = || unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
     let error = refused();
