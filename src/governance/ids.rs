@@ -133,7 +133,7 @@ pub struct Digest([u8; 32]);
 
 /// Text that is not 64 hexadecimal digits.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is not a digest: 64 hexadecimal digits are needed")]
+#[error("{0:?} is not a digest: 64 hexadecimal digits in lower case are needed")]
 pub struct DigestError(pub String);
 
 impl Digest {
@@ -202,7 +202,8 @@ impl FromStr for Digest {
     type Err = DigestError;
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let bad = || DigestError(text.to_owned());
-        if text.len() != 64 || !text.is_ascii() {
+        // In lower case alone, as it is written: a value has one text.
+        if text.len() != 64 || !text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f')) {
             return Err(bad());
         }
         let mut bytes = [0u8; 32];
@@ -259,5 +260,10 @@ mod tests {
         assert_eq!(digest.to_string().parse::<Digest>().unwrap(), digest);
         assert_ne!(digest, Digest::of_parts("test", &[b"a", b"bc"]));
         assert_ne!(digest, Digest::of_parts("other", &[b"ab", b"c"]));
+        let text = digest.to_string();
+        let signed = format!("+{}", &text[1..]);
+        for other in [text.to_uppercase(), signed, format!(" {}", &text[1..]), text[1..].to_owned()] {
+            assert!(other.parse::<Digest>().is_err(), "{other}");
+        }
     }
 }

@@ -25,6 +25,7 @@ use super::verify::VerifyError;
 use holdpoint_approvals::{SignedApproval, keyfile};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::words::Word;
 
 /// What the first line calls the form.
 const FORMAT: &str = "holdpoint-store-export";
@@ -39,8 +40,36 @@ pub(crate) enum Line {
     Export(ExportHeader),
     Head(Checkpoint),
     End(Checkpoint),
-    Record(Box<AuditRecord>),
+    Record(Box<ExportedRecord>),
     Approval(Box<SignedApproval>),
+}
+
+/// A record as a line has it, and nothing else.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ExportedRecord {
+    seq: u64,
+    prev: Digest,
+    hash: Digest,
+    at_ms: u64,
+    kind: Word<RecordKind>,
+    subject: String,
+    body: String,
+    wall_ms: i64,
+}
+
+impl From<AuditRecord> for ExportedRecord {
+    fn from(record: AuditRecord) -> Self {
+        let AuditRecord { seq, prev, hash, at_ms, kind, subject, body, wall_ms } = record;
+        Self { seq, prev, hash, at_ms, kind, subject, body, wall_ms }
+    }
+}
+
+impl From<ExportedRecord> for AuditRecord {
+    fn from(record: ExportedRecord) -> Self {
+        let ExportedRecord { seq, prev, hash, at_ms, kind, subject, body, wall_ms } = record;
+        Self { seq, prev, hash, at_ms, kind, subject, body, wall_ms }
+    }
 }
 
 /// The first line.
@@ -118,7 +147,7 @@ pub fn export_store(
     if let Some(end) = end {
         put(&Line::End(end))?;
     }
-    audit::for_each(&connection, 1, |record| put(&Line::Record(Box::new(record))))?;
+    audit::for_each(&connection, 1, |record| put(&Line::Record(Box::new(record.into()))))?;
     for signed in approvals(&connection)? {
         put(&Line::Approval(Box::new(serde_json::from_str(&signed)?)))?;
     }
@@ -253,7 +282,7 @@ impl Exported {
                 Ok(())
             }
             Line::Record(_) if !self.approvals.is_empty() => Err(misplaced()),
-            Line::Record(record) => self.take_record(&record),
+            Line::Record(record) => self.take_record(&(*record).into()),
             Line::Approval(signed) => {
                 self.approvals.push(*signed);
                 Ok(())

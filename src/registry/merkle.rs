@@ -339,7 +339,7 @@ mod tests {
     proptest! {
         #[test]
         fn proofs_hold_and_no_bit_of_them_can_be_changed(
-            size in 1usize..3000, one in any::<prop::sample::Index>(), bit in 0usize..256, at in any::<prop::sample::Index>()
+            size in 1usize..500, one in any::<prop::sample::Index>(), bit in 0usize..256, at in any::<prop::sample::Index>()
         ) {
             let all = records(size);
             let (tree, index) = (root(&all), one.index(size));

@@ -47,11 +47,16 @@ def digest(domain, *parts):
     return hasher.digest()
 
 
+def whole(value):
+    """A whole number that 64 bits hold, below zero or not."""
+    if isinstance(value, bool) or not isinstance(value, int) or not -(2**63) <= value < 2**64:
+        raise ValueError(f"{value!r} is no whole number")
+    return value
+
+
 def number(value):
     """A whole number as it is hashed."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError(f"{value!r} is no number")
-    return value.to_bytes(8, "little")
+    return whole(value).to_bytes(8, "little")
 
 
 def digits(text, count):
@@ -59,6 +64,11 @@ def digits(text, count):
     if not isinstance(text, str) or not re.fullmatch("[0-9a-f]{%d}" % (2 * count), text):
         raise ValueError(f"{text!r} is not {2 * count} hexadecimal digits")
     return bytes.fromhex(text)
+
+
+def signature_of(value):
+    """The bytes of a signature, none of what cannot be one."""
+    return bytes.fromhex(value) if re.fullmatch("[0-9a-f]{128}", text(value).decode()) else b""
 
 
 def text(value):
@@ -106,7 +116,7 @@ class Head:
         self.line, self.store_id, self.seq = line, value["store_id"], value["seq"]
         self.hash = digits(value["head"], 32)
         self.root = digits(value["root"], 32) if value.get("root") is not None else None
-        self.signature = digits(value["signature"], 64)
+        self.signature = signature_of(value["signature"])
         self.link = value.get("link")
         fold = digits(value["fold"], 32) if value.get("fold") is not None else None
         end = [text(self.store_id), number(self.seq), number(value["at_ms"]), self.hash]
@@ -148,10 +158,52 @@ class Head:
         return f"checkpoint number {self.number} does not follow from the one before"
 
 
+class Approval:
+    """A person's decision, signed with a key that it carries."""
+
+    def __init__(self, value):
+        fields(value, ("approval", "public_key", "signature"))
+        self.public_key, self.signature = text(value["public_key"]), text(value["signature"])
+        names = (
+            "who", "role", "decision", "reason", "version", "candidate_digest", "row_version", "evidence_digest",
+            "policy_digest", "profile", "store_id", "nonce", "not_after_ms",
+        )
+        approval = fields(value["approval"], names, ("break_glass",))
+        self.nonce, self.store_id = approval["nonce"], approval["store_id"]
+        digits(self.nonce, 16)
+        self.parts = [
+            text(self.store_id),
+            text(approval["who"]),
+            text(approval["role"]),
+            text(approval["decision"]),
+            text(approval["reason"]),
+            text(approval["version"]),
+            digits(approval["candidate_digest"], 32),
+            number(approval["row_version"]),
+            digits(approval["evidence_digest"], 32),
+            digits(approval["policy_digest"], 32),
+            text(approval["profile"]),
+            text(self.nonce),
+            number(approval["not_after_ms"]),
+        ]
+        if not isinstance(approval.get("break_glass", False), bool):
+            raise ValueError("break_glass is true or false")
+        if approval.get("break_glass", False):
+            self.parts.append(b"break-glass")
+
+    def is_signed(self):
+        try:
+            key = Ed25519PublicKey.from_public_bytes(digits(self.public_key.decode(), 32))
+            signature = digits(self.signature.decode(), 64)
+        except ValueError:
+            return False
+        return signed_by(key, signature, digest("holdpoint/approval/v1", *self.parts))
+
+
 def signed_by(key, signature, message):
     try:
         key.verify(signature, message)
-    except InvalidSignature:
+    except (InvalidSignature, ValueError):
         return False
     return True
 
@@ -182,7 +234,7 @@ class Export:
             elif kind == "record" and not self.approvals:
                 self.take_record(content)
             elif kind == "approval":
-                self.approvals.append(content)
+                self.approvals.append(Approval(content))
             else:
                 raise Bad("line", line, "it does not belong here")
         except (ValueError, KeyError, TypeError, OverflowError) as error:
@@ -191,22 +243,22 @@ class Export:
     def take_record(self, record):
         seq = self.seq + 1
         names = ("seq", "prev", "hash", "at_ms", "kind", "subject", "body", "wall_ms")
-        record = {name: record[name] for name in names}
+        fields(record, names)
         found, prev = digits(record["hash"], 32), digits(record["prev"], 32)
-        if record["seq"] != seq:
-            raise Bad("record", seq, f"it is missing; the next one is {record['seq']}")
-        if prev != self.last:
-            raise Bad("record", seq, "it does not follow from the record before")
-        expected = digest(
-            "holdpoint/audit/v1",
+        hashed = [
             prev,
             number(record["seq"]),
             number(record["at_ms"]),
             text(record["kind"]),
             text(record["subject"]),
             text(record["body"]),
-        )
-        if found != expected:
+        ]
+        whole(record["wall_ms"])
+        if record["seq"] != seq:
+            raise Bad("record", seq, f"it is missing; the next one is {record['seq']}")
+        if prev != self.last:
+            raise Bad("record", seq, "it does not follow from the record before")
+        if found != digest("holdpoint/audit/v1", *hashed):
             raise Bad("record", seq, "its content does not match its hash")
         if record["at_ms"] < self.at_ms:
             raise Bad("record", seq, "it is older than the record before")
@@ -280,34 +332,11 @@ class Export:
 
     def check_approvals(self):
         found = set()
-        for signed in self.approvals:
-            approval = signed["approval"]
-            nonce = approval["nonce"]
-            parts = [
-                text(approval["store_id"]),
-                text(approval["who"]),
-                text(approval["role"]),
-                text(approval["decision"]),
-                text(approval["reason"]),
-                text(approval["version"]),
-                digits(approval["candidate_digest"], 32),
-                number(approval["row_version"]),
-                digits(approval["evidence_digest"], 32),
-                digits(approval["policy_digest"], 32),
-                text(approval["profile"]),
-                text(nonce),
-                number(approval["not_after_ms"]),
-            ]
-            if approval.get("break_glass", False):
-                parts.append(b"break-glass")
-            try:
-                key = Ed25519PublicKey.from_public_bytes(digits(signed["public_key"], 32))
-                good = signed_by(key, digits(signed["signature"], 64), digest("holdpoint/approval/v1", *parts))
-            except ValueError:
-                good = False
-            if not good:
+        for approval in self.approvals:
+            nonce = approval.nonce
+            if not approval.is_signed():
                 raise Bad("approval", nonce, "its signature does not match the decision")
-            if approval["store_id"] != self.header["store_id"]:
+            if approval.store_id != self.header["store_id"]:
                 raise Bad("approval", nonce, "it was made for another store")
             if nonce not in self.put:
                 raise Bad("approval", nonce, "no record speaks of it")
@@ -317,6 +346,18 @@ class Export:
         missing = sorted(set(self.put) - found - self.lost)
         if missing:
             raise Bad("approval", missing[0], "it is missing")
+
+
+def unique(pairs):
+    """An object that has no field twice."""
+    value = dict(pairs)
+    if len(value) != len(pairs):
+        raise ValueError("a field is there twice")
+    return value
+
+
+def no_number(word):
+    raise ValueError(f"{word} is no number")
 
 
 def lines(file):
@@ -329,7 +370,7 @@ def lines(file):
         if not read.endswith(b"\n"):
             raise Bad("line", line, "the file is cut short in it")
         try:
-            yield line, json.loads(read)
+            yield line, json.loads(read, object_pairs_hook=unique, parse_constant=no_number)
         except (ValueError, RecursionError) as error:
             raise Bad("line", line, str(error)) from error
 

@@ -10,7 +10,7 @@ use holdpoint_registry::{
     verify, verify_export,
 };
 
-use crate::edits::{made, quick_folder};
+use crate::edits::{Dice, made, quick_folder};
 use crate::proofs::{heads, public_key};
 use crate::released::schema_1;
 use crate::support::*;
@@ -316,4 +316,48 @@ fn a_damaged_export_is_judged_the_same_by_both() {
     assert!(both(&file).unwrap_err().contains("cut short"));
     fs::write(&file, "").unwrap();
     assert!(both(&file).unwrap_err().contains("line 1"));
+}
+
+/// What JSON is made of.
+const LETTERS: &[u8] = b"0123456789abcdef{}[],:\"\\ \n";
+
+/// How often the export is damaged at random; each asks Python once.
+fn damages() -> usize {
+    std::env::var("HOLDPOINT_FUZZ_RUNS")
+        .ok()
+        .and_then(|runs| runs.parse().ok())
+        .map_or(60, |runs: usize| runs.min(2_000))
+}
+
+#[test]
+fn no_random_damage_parts_the_verifiers() {
+    let root = quick_folder();
+    let (store, file) = (root.path().join("store"), root.path().join("store.jsonl"));
+    made(&store);
+    let whole = exported(&store, &file).join("\n") + "\n";
+    if python(&file).is_none() {
+        return;
+    }
+    let mut dice = Dice(0x5eed);
+    for _ in 0..damages() {
+        let mut bytes = whole.clone().into_bytes();
+        let at = dice.roll(bytes.len());
+        match dice.roll(5) {
+            0 => bytes[at] ^= 1 << dice.roll(7),
+            1 => bytes[at] = LETTERS[dice.roll(LETTERS.len())],
+            2 => bytes.truncate(at),
+            3 => drop(bytes.drain(at..bytes.len().min(at + 1 + dice.roll(40)))),
+            _ => {
+                let piece: Vec<u8> = bytes[at..bytes.len().min(at + 1 + dice.roll(400))].to_vec();
+                bytes.splice(at..at, piece);
+            }
+        }
+        fs::write(&file, &bytes).unwrap();
+        let theirs = python(&file).unwrap();
+        let ours = verify_export(&file, None);
+        let context = || format!("at {at}: {theirs} {ours:?}");
+        assert_eq!(theirs["sound"], ours.is_ok(), "{}", context());
+        let record = ours.as_ref().err().and_then(VerifyError::record);
+        assert_eq!(theirs["record"].as_u64(), record, "{}", context());
+    }
 }
