@@ -326,7 +326,7 @@ fn damages() -> usize {
     std::env::var("HOLDPOINT_FUZZ_RUNS")
         .ok()
         .and_then(|runs| runs.parse().ok())
-        .map_or(60, |runs: usize| runs.min(2_000))
+        .map_or(30, |runs: usize| runs.min(2_000))
 }
 
 #[test]
