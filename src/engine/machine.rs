@@ -2,7 +2,8 @@
 //! not, with ends, kills and restarts between them. After each step the rows, the ledger and the model say the same, and
 //! every invariant of the store holds.
 //!
-//! `HOLDPOINT_MACHINE_CASES` is how many histories (4), of up to 100 steps each; `PROPTEST_RNG_SEED` their seed.
+//! `HOLDPOINT_MACHINE_CASES` is how many histories (4), of up to 100 steps each; `HOLDPOINT_MACHINE_SEED`
+//! their seed (1).
 
 use std::fs;
 use std::path::Path;
@@ -14,7 +15,7 @@ use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{ActiveCause, Change, Store, StoreError, check_invariants, verify};
 use holdpoint_runtime::capability::Capability;
 use proptest::prelude::*;
-use proptest::test_runner::Config;
+use proptest::test_runner::{Config, RngSeed};
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
 use tempfile::TempDir;
 
@@ -310,12 +311,21 @@ impl StateMachineTest for Kept {
     }
 }
 
-fn cases() -> u32 {
-    std::env::var("HOLDPOINT_MACHINE_CASES").map_or(4, |text| text.parse().unwrap())
+fn number(name: &str, otherwise: u32) -> u32 {
+    std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
+}
+
+fn config() -> Config {
+    Config {
+        cases: number("HOLDPOINT_MACHINE_CASES", 4),
+        rng_seed: RngSeed::Fixed(number("HOLDPOINT_MACHINE_SEED", 1).into()),
+        failure_persistence: None,
+        ..Config::default()
+    }
 }
 
 prop_state_machine! {
-    #![proptest_config(Config { cases: cases(), failure_persistence: None, ..Config::default() })]
+    #![proptest_config(config())]
 
     #[test]
     fn the_store_follows_the_model(sequential 10..100 => Kept);

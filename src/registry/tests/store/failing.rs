@@ -158,6 +158,9 @@ fn a_disk_that_fails_at_any_call_loses_nothing() {
                 let failed = check(&store, &said, &format!("{call} {nth} {error} {spell:?}, {more} more"));
                 done += 1;
                 told += u64::from(failed);
+                if done % 500 == 0 {
+                    println!("{done} failing calls so far, {told} told by an error");
+                }
                 // A sync or write that fails behind an acknowledgement is put right by the next one, so an end in
                 // peace says nothing of what comes later; calls run out after some hundred.
                 if failed || nth < 60 + 20 * more {
