@@ -8,10 +8,9 @@ use ed25519_dalek::{Signer, SigningKey, VerifyingKey};
 
 use super::keyfile::{self, Keep, KeptKey, KeyError, Protection};
 use super::passphrase::Passphrase;
-use super::person::{PersonAct, SignedPersonAct};
 use super::signed::{Approval, SignedApproval};
 use holdpoint_governance::approval::Role;
-use holdpoint_governance::ids::is_name;
+use holdpoint_governance::ids::{Digest, is_name};
 use holdpoint_governance::words::WordError;
 use holdpoint_text::Hint;
 
@@ -283,11 +282,9 @@ impl Identity {
         SignedApproval::new(approval, self.info.public_key, signature)
     }
 
-    /// Signs an act about a person.
-    pub(super) fn sign_act(&self, act: PersonAct) -> SignedPersonAct {
-        let signature = self.secret.sign(act.digest().bytes());
-        let public_key = keyfile::hex(self.info.public_key.as_bytes());
-        SignedPersonAct::new(act, public_key, keyfile::hex(&signature.to_bytes()))
+    /// Its signature over a digest, as hexadecimal digits.
+    pub(super) fn signature(&self, digest: &Digest) -> String {
+        keyfile::hex(&self.secret.sign(digest.bytes()).to_bytes())
     }
 }
 

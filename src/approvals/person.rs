@@ -100,6 +100,13 @@ pub struct SignedPersonAct {
 }
 
 impl SignedPersonAct {
+    /// Signed by somebody.
+    fn by(who: &Identity, act: PersonAct) -> Self {
+        let public_key = hex(who.info().public_key.as_bytes());
+        let signature = who.signature(&act.digest());
+        Self::new(act, public_key, signature)
+    }
+
     pub(super) const fn new(act: PersonAct, public_key: String, signature: String) -> Self {
         Self { act, public_key, signature }
     }
@@ -278,7 +285,7 @@ impl Persons {
         unprotected: bool,
         (by, reason): (&Identity, &str),
     ) -> Result<SignedPersonAct, ApprovalError> {
-        Ok(by.sign_act(PersonAct {
+        let act = PersonAct {
             act,
             name: who.name.clone(),
             role: who.role,
@@ -289,7 +296,8 @@ impl Persons {
             store_id: self.store_id.clone(),
             follows: self.follows,
             nonce: Nonce::random()?,
-        }))
+        };
+        Ok(SignedPersonAct::by(by, act))
     }
 
     /// Whether an act is allowed now: signed by an administrator who is enrolled, over this store as it stands.

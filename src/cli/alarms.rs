@@ -5,7 +5,7 @@
 use clap::Args;
 use serde::Serialize;
 
-use super::audit;
+use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -61,7 +61,7 @@ impl AlarmLine {
 /// # Errors
 /// [`CliError`] if the store cannot be read.
 pub(super) fn run(context: &CliContext, args: &AlarmsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = audit::open_checked(&context.data)?;
+    let views = data::open_checked(&context.data)?;
     let kept = views.alarms().map_err(CliError::usage)?;
     let text_of = |name: &str| {
         let entry = kept.iter().find(|entry| entry.alarm == name)?;

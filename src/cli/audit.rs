@@ -2,10 +2,11 @@
 //! last read only; an engine may have the store open meanwhile.
 
 use std::fs::OpenOptions;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::data;
 use super::output::Table;
 use super::proof::{self, CheckProofArgs, ConsistencyArgs, ProofArgs};
 use super::verify::{self, VerifyArgs};
@@ -14,7 +15,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{AuditFilter, ExportError, Layout, Views};
+use holdpoint_registry::{AuditFilter, ExportError, Views};
 
 /// The most records `list` prints.
 pub const LIST_MAX: u32 = 10_000;
@@ -115,7 +116,7 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
                 limit: *limit as usize,
                 newest_first: true,
             };
-            list(&open(&context.data)?, &filter, out)?;
+            list(&data::open(&context.data)?, &filter, out)?;
         }
         AuditVerb::Verify(args) => return verify::run(context, args, out),
         AuditVerb::Proof(args) => return proof::record(context, args, out),
@@ -123,10 +124,10 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
         AuditVerb::CheckProof(args) => return proof::check(context, args, out),
         AuditVerb::Witness(args) => return witness::run(context, args, out),
         AuditVerb::Export { from, out: None } => {
-            export_to(&open(&context.data)?, *from, out.sink())?;
+            export_to(&data::open(&context.data)?, *from, out.sink())?;
         }
         AuditVerb::Export { from, out: Some(path) } => {
-            let views = open(&context.data)?;
+            let views = data::open(&context.data)?;
             let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {path:?}: {error}"));
             let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(cannot)?;
             let records = export_to(&views, *from, &mut file)?;
@@ -138,35 +139,6 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
         }
     }
     Ok(Exit::Confirmed)
-}
-
-/// Opens the store's views for reading the chain, for judging evidence, or where an engine checks them before it acts.
-///
-/// # Errors
-/// [`CliError::Usage`] if there is no store, or it cannot be read.
-pub(super) fn open(data: &Path) -> Result<Views, CliError> {
-    Views::open(&database(data)?).map_err(CliError::usage)
-}
-
-/// Opens the store's views for showing what the tables hold: they are what the chain says.
-///
-/// # Errors
-/// [`CliError::Usage`] if there is no store, or its tables are not what its chain says.
-pub(super) fn open_checked(data: &Path) -> Result<Views, CliError> {
-    Views::open_checked(&database(data)?).map_err(CliError::usage)
-}
-
-/// The database of a store.
-///
-/// # Errors
-/// [`CliError::Usage`] if there is none.
-pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
-    let database = Layout::new(data).database();
-    if database.is_file() {
-        return Ok(database);
-    }
-    Err(CliError::usage(format!("there is no store in {data:?}"))
-        .with_hint("`holdpoint run` makes one; --data DIR names another"))
 }
 
 fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(), CliError> {

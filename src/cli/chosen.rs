@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use clap::builder::{PossibleValue, TypedValueParser};
 use clap::error::ErrorKind;
 
-use super::audit;
+use super::data;
 use crate::error::CliError;
 use holdpoint_engine::bound;
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfile, OwnProfileError, ProfileTexts};
@@ -107,7 +107,7 @@ pub(super) fn last(data: &Path) -> Result<ChosenProfile, CliError> {
     if !Layout::new(data).database().exists() {
         return Ok(ProfileName::Sim.into());
     }
-    let views = audit::open(data)?;
+    let views = data::open(data)?;
     let Some((name, _, _)) = views.context().map_err(CliError::usage)? else {
         return Ok(ProfileName::Sim.into());
     };

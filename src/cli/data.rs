@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::CliError;
+use holdpoint_registry::{Layout, Views};
 
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
 ///
@@ -23,6 +24,35 @@ fn folder_from(given: Option<&Path>, xdg: Option<PathBuf>, home: Option<PathBuf>
         let base = absolute(xdg).or_else(|| absolute(home).map(|home| home.join(".local/share")))?;
         Some(base.join("holdpoint"))
     })
+}
+
+/// The database of a store.
+///
+/// # Errors
+/// [`CliError::Usage`] if there is none.
+pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
+    let database = Layout::new(data).database();
+    if database.is_file() {
+        return Ok(database);
+    }
+    Err(CliError::usage(format!("there is no store in {data:?}"))
+        .with_hint("`holdpoint run` makes one; --data DIR names another"))
+}
+
+/// Opens the store's views for reading the chain, for judging evidence, or where an engine checks them before it acts.
+///
+/// # Errors
+/// [`CliError::Usage`] if there is no store, or it cannot be read.
+pub(super) fn open(data: &Path) -> Result<Views, CliError> {
+    Views::open(&database(data)?).map_err(CliError::usage)
+}
+
+/// Opens the store's views for showing what the tables hold: they are what the chain says.
+///
+/// # Errors
+/// [`CliError::Usage`] if there is no store, or its tables are not what its chain says.
+pub(super) fn open_checked(data: &Path) -> Result<Views, CliError> {
+    Views::open_checked(&database(data)?).map_err(CliError::usage)
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use clap::Args;
 
 pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 
-use super::audit;
+use super::data;
 use super::passphrase;
 use super::side::{Side, running};
 use super::stop::{self, GoArgs, GoalArgs, StopArgs};
@@ -196,7 +196,7 @@ pub(super) fn run(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     // What does not exist is said before an engine is opened, so that the store stays as it was.
-    let views = || audit::open(&context.data);
+    let views = || data::open(&context.data);
     match asked {
         AskedDecision::Approve(args) => approve(context, &views()?, args, out),
         AskedDecision::Reject(args) => reject(context, &views()?, args, out),

@@ -4,7 +4,7 @@
 //! anything itself.
 
 use super::side::{Side, last_cell, running};
-use super::{audit, bench, candidate, chosen, decide, demo, run, serve, status};
+use super::{bench, candidate, chosen, data, decide, demo, run, serve, status};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -245,7 +245,7 @@ impl EngineVerbs for RealEngine {
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
         // What does not exist is said before an engine is opened, so that the store stays as it was.
-        decide::known_version(&audit::open(&context.data)?, &args.version)?;
+        decide::known_version(&data::open(&context.data)?, &args.version)?;
         if running(context)?.is_some() {
             let text =
                 "held: an engine is running on this store, which takes candidates through their stages";

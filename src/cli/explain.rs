@@ -7,7 +7,7 @@ use std::path::Path;
 
 use clap::Args;
 
-use super::audit;
+use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -36,7 +36,7 @@ pub struct ExplainArgs {
 /// # Errors
 /// If there is no store, or no such version in it.
 pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = audit::open_checked(&context.data)?;
+    let views = data::open_checked(&context.data)?;
     let id = version(&args.subject)?;
     let Some(explanation) = explain::explain(&views, &id).map_err(CliError::usage)? else {
         let text = format!("{id} is not in the store {:?}", context.data);

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
-use self::listed::Row;
+use self::listed::ListedIdentity;
 use super::passphrase;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
@@ -152,7 +152,7 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
             let identity = Identity::create_kept(&folder, name, *role, keep).map_err(CliError::usage)?;
             let enrolled = acts::enrol_new(context, &identity, by.as_deref(), by_passphrase_file.as_deref())?;
             let protection = Identity::protection(&folder, name).ok();
-            let shown = Row::made(identity.info(), protection, enrolled.standing());
+            let shown = ListedIdentity::made(identity.info(), protection, enrolled.standing());
             out.answer(&shown, |out| {
                 out.line(&format!(
                     "made the identity {} ({}, {}), public key {}",
@@ -171,7 +171,7 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
             let words = if *remove { None } else { Some(asked_for_anew(new_passphrase_file.as_deref())?) };
             let keep = words.as_ref().map_or(Keep::Plain, |words| Keep::Sealed(words, Cost::USUAL));
             identity.keep(&folder, keep).map_err(CliError::usage)?;
-            let shown = Row::of(identity.info(), Identity::protection(&folder, name).ok());
+            let shown = ListedIdentity::of(identity.info(), Identity::protection(&folder, name).ok());
             out.answer(&shown, |out| {
                 out.line(&match (before, *remove) {
                     (Protection::Passphrase, false) => {

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use clap::Args;
 
-use super::audit;
+use super::data;
 use super::output::Table;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
@@ -117,7 +117,7 @@ fn moment_ms(text: &str) -> Option<i64> {
 /// # Errors
 /// If there is no store, or it cannot be read.
 pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = audit::open(&context.data)?;
+    let views = data::open(&context.data)?;
     let file = Layout::new(&context.data).telemetry();
     let telemetry =
         file.is_file().then(|| TelemetryViews::open(&file)).transpose().map_err(CliError::usage)?;

@@ -84,7 +84,7 @@ pub struct PruneArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(context: &CliContext, args: &RecordingsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = super::audit::open(&context.data)?;
+    let views = super::data::open(&context.data)?;
     let folder = Layout::new(&context.data).recordings();
     match &args.verb {
         RecordingsVerb::List => list(&shelved(&folder)?, &on_record(&views)?, out),

@@ -95,7 +95,7 @@ impl From<ViewArg> for VersionGroup {
 /// # Errors
 /// [`CliError`].
 pub fn run(context: &CliContext, args: &RegistryArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = super::audit::open_checked(&context.data)?;
+    let views = super::data::open_checked(&context.data)?;
     match &args.verb {
         RegistryVerb::List { family, view, limit } => {
             let filter = VersionFilter {

@@ -183,7 +183,7 @@ fn problems(files: &[PathBuf]) -> Result<Vec<String>, CliError> {
     let mut problems = Vec::new();
     for path in files {
         let Some((store, filed)) = in_store(path) else { continue };
-        let record = on_record(&super::audit::open(&store)?)?;
+        let record = on_record(&super::data::open(&store)?)?;
         if let FileCheck::Differs { found, recorded } = check(&filed, &record)? {
             problems.push(format!(
                 "{} does not match what was recorded at closure: its SHA-256 is {found}, {recorded} is on record",

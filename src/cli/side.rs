@@ -3,8 +3,8 @@
 //! Owns that choice and how a refusal becomes an error. Must not decide whether something is allowed: the engine
 //! does.
 
-use super::audit;
 use super::chosen;
+use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -113,7 +113,7 @@ impl Side {
 /// The cell of the robot that the store is for; the built-in arm's if there is no store.
 pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
     let recorded = if Layout::new(&context.data).database().exists() {
-        bound::robot(&audit::open(&context.data)?).map_err(CliError::usage)?
+        bound::robot(&data::open(&context.data)?).map_err(CliError::usage)?
     } else {
         None
     };

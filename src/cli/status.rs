@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 
 use self::report::{StatusReport, VersionRow};
-use super::audit;
+use super::data;
 use super::decide::{known_family, known_version};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
@@ -132,8 +132,8 @@ fn parse_subject(text: &str) -> Result<StatusSubject, String> {
 pub(super) fn run(context: &CliContext, args: &StatusArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     // An engine that answers has checked the tables, and holds if somebody changes them, or says that it has not yet.
     let views = match Client::connect_within(&Layout::new(&context.data), HELLO_PATIENCE) {
-        Ok(Some(_)) => audit::open(&context.data)?,
-        Ok(None) | Err(DoorError::Silent { .. }) => audit::open_checked(&context.data)?,
+        Ok(Some(_)) => data::open(&context.data)?,
+        Ok(None) | Err(DoorError::Silent { .. }) => data::open_checked(&context.data)?,
         Err(error) => return Err(super::side::door_error(error)),
     };
     match &args.subject {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::audit;
+use super::data;
 use super::output::Table;
 use super::recordings::{counted, size};
 use crate::cli::context::CliContext;
@@ -100,7 +100,7 @@ Example:
 pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match &args.verb {
         StoreVerb::Rebuild { from_chain: _ } => {
-            audit::database(&context.data)?;
+            data::database(&context.data)?;
             let by = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
             let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
             let wall_ms = since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0);
@@ -109,7 +109,7 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
             Ok(Exit::Confirmed)
         }
         StoreVerb::Backup { to, with_keys, with_recordings } => {
-            audit::database(&context.data)?;
+            data::database(&context.data)?;
             let parts = BackupParts { keys: *with_keys, recordings: *with_recordings };
             let report = backup(&context.data, to, parts).map_err(CliError::usage)?;
             let value = json!({ "copied": to.display().to_string(), "report": report });
@@ -125,7 +125,7 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
             Ok(Exit::Confirmed)
         }
         StoreVerb::Check => {
-            audit::database(&context.data)?;
+            data::database(&context.data)?;
             let found = check_store(&context.data).map_err(CliError::usage)?;
             let sound = found.iter().all(|looked| looked.good);
             out.answer(&json!({ "good": sound, "found": found }), |out| {
@@ -137,13 +137,13 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
             Ok(if sound { Exit::Confirmed } else { Exit::Rejected })
         }
         StoreVerb::Info => {
-            audit::database(&context.data)?;
+            data::database(&context.data)?;
             let info = store_info(&context.data).map_err(CliError::usage)?;
             out.answer(&info, |out| told(&info, out))?;
             Ok(Exit::Confirmed)
         }
         StoreVerb::Export { file } => {
-            let database = audit::database(&context.data)?;
+            let database = data::database(&context.data)?;
             let key = keyfile::read_public(&Layout::new(&context.data).store_public_key()).ok();
             let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {file:?}: {error}"));
             let made = OpenOptions::new().write(true).create_new(true).open(file).map_err(cannot)?;

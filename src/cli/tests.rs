@@ -243,8 +243,11 @@ fn verbs_without_an_engine_answer_in_both_forms() {
     assert!(ask(&["--data", data, "identity", "new", "mara", "--unprotected"]).0.is_err());
     let (_, text, _) = ask(&["--data", data, "identity", "list", "--json"]);
     let listed: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(listed[0]["role"], "safety");
-    // There is no store yet, and reading makes none.
+    let mara = listed.as_array().unwrap().iter().find(|one| one["name"] == "mara").unwrap();
+    assert_eq!(mara["role"], "safety");
+    // Where there is no store, reading makes none.
+    let root = tempfile::tempdir().unwrap();
+    let data = root.path().to_str().unwrap();
     for line in [&["registry", "list"][..], &["audit", "list"], &["audit", "verify"], &["audit", "export"]] {
         let line: Vec<&str> = ["--data", data].into_iter().chain(line.iter().copied()).collect();
         let error = ask(&line).0.unwrap_err();

@@ -13,7 +13,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_recordings::record::FileCheck;
 use holdpoint_registry::{
-    ExportReport, Judged, Layout, MissingBatches, VerifyError, VerifyReport, is_exported, verify_against,
+    ExportReport, JudgedBy, Layout, MissingBatches, VerifyError, VerifyReport, is_exported, verify_against,
     verify_export,
 };
 
@@ -68,7 +68,7 @@ pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>)
     let bar = LateBar::new();
     let tell = |what: &'static str, done: u64, total: u64| bar.tell(what, done, total);
     let asked = args.file.is_none();
-    let judged = Judged { key: key.as_ref(), against: &args.against, witnesses: asked, tell: &tell };
+    let judged = JudgedBy { key: key.as_ref(), against: &args.against, witnesses: asked, tell: &tell };
     let found = verify_against(&database, &judged);
     if !args.all || found.is_err() {
         drop(bar);
@@ -92,7 +92,7 @@ pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>)
 
 /// Every recording is what its record says, and every one on record is there. Tells how many, or what is wrong.
 fn check_recordings(context: &CliContext, bar: &LateBar) -> Result<Result<u64, String>, CliError> {
-    let record = recordings::on_record(&super::audit::open(&context.data)?)?;
+    let record = recordings::on_record(&super::data::open(&context.data)?)?;
     let files = recordings::shelved(&Layout::new(&context.data).recordings())?;
     let bytes = files.iter().map(|filed| filed.bytes).sum();
     let (mut read, mut good) = (0, 0);

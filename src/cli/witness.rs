@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use super::audit::database;
+use super::data::database;
 use super::output::Table;
 use super::prune::{now_secs, take_store};
 use super::verify::absolute;

@@ -25,7 +25,7 @@ use crate::halt;
 use crate::view::snapshot::alarm_view;
 use crate::world::scenery;
 use crate::world::switch::{AskedStop, Controls, Switch};
-use crate::{Config, Engine, Rules, StartError};
+use crate::{Config, Engine, StartError, StartRules};
 
 /// How long a look at how things stand waits for the engine, before it gets the unverified rows.
 pub const LOOK_PATIENCE: Duration = Duration::from_millis(250);
@@ -45,7 +45,7 @@ pub type ReadWatch = Box<dyn FnMut(u64) + Send>;
 /// See the module's head.
 pub struct Anteroom<'a> {
     config: Config<'a>,
-    rules: Rules,
+    rules: StartRules,
     controls: Controls,
     door: Door,
     shown: Snapshot,
@@ -61,7 +61,7 @@ impl<'a> Anteroom<'a> {
     /// # Errors
     /// [`StartError`].
     pub fn open(config: Config<'a>, signals: Signals, mut watch: ReadWatch) -> Result<Self, StartError> {
-        let rules = Rules::of(&config.profile)?;
+        let rules = StartRules::of(&config.profile)?;
         let taken = UnreadStore::take(config.data)?;
         let shown = shown(&config, &rules, &taken)?;
         let controls = Controls::default();
@@ -211,12 +211,12 @@ fn answer(
 }
 
 /// What the rows say, as far as it is shown unverified: who is in control, who stopped the cell, the alarms.
-fn shown(config: &Config<'_>, rules: &Rules, taken: &UnreadStore) -> Result<Snapshot, StartError> {
+fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result<Snapshot, StartError> {
     let (profile, table) = (rules.profile.clone(), rules.table.clone());
     let context = Context::new(profile, table, rules.own.clone(), config.cell.clone())
         .map_err(|error| StartError::Fault(error.into()))?;
-    let rows = taken.views()?.map(|views| Rows::of(&views)).unwrap_or_default();
-    let Rows { at_ms, records, agent, families, alarms, stopped } = rows;
+    let rows = taken.views()?.map(|views| UnheldRows::of(&views)).unwrap_or_default();
+    let UnheldRows { at_ms, records, agent, families, alarms, stopped } = rows;
     Ok(Snapshot {
         at_ms,
         profile: context.profile.name,
@@ -255,7 +255,7 @@ fn shown(config: &Config<'_>, rules: &Rules, taken: &UnreadStore) -> Result<Snap
 
 /// What is read of a store before its record is.
 #[derive(Default)]
-struct Rows {
+struct UnheldRows {
     at_ms: u64,
     records: u64,
     agent: Option<Digest>,
@@ -264,7 +264,7 @@ struct Rows {
     stopped: Option<StoppedView>,
 }
 
-impl Rows {
+impl UnheldRows {
     /// What cannot be read is for the reading of the record to tell: it names what is wrong.
     fn of(views: &Views) -> Self {
         let Ok(head) = views.head() else { return Self::default() };

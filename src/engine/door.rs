@@ -146,7 +146,7 @@ enum Incoming {
 }
 
 /// A request that came before the engine was up.
-struct Early {
+struct EarlyRequest {
     request: Box<Request>,
     caller: Caller,
     answer: oneshot::Sender<Reply>,
@@ -159,7 +159,7 @@ pub struct Door {
     waiting: Option<Incoming>,
     later: Vec<(String, oneshot::Sender<Reply>)>,
     /// What waits for the engine to come up.
-    early: Vec<Early>,
+    early: Vec<EarlyRequest>,
     events: broadcast::Sender<Arc<str>>,
     endings: Arc<AtomicUsize>,
     stop: CancellationToken,
@@ -218,7 +218,7 @@ impl Door {
     ) {
         while let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) {
             if let Incoming::Request(request, caller, answer) = next {
-                self.early.push(Early { request, caller, answer, since: Instant::now() });
+                self.early.push(EarlyRequest { request, caller, answer, since: Instant::now() });
             }
         }
         for early in std::mem::take(&mut self.early) {
@@ -233,7 +233,7 @@ impl Door {
     pub fn poll(&mut self, engine: &mut Engine) -> usize {
         let mut done = 0;
         self.answer_later(engine);
-        for Early { request, caller, answer, .. } in std::mem::take(&mut self.early) {
+        for EarlyRequest { request, caller, answer, .. } in std::mem::take(&mut self.early) {
             self.hand_over(engine, *request, caller, answer);
             done += 1;
         }

@@ -216,7 +216,7 @@ fn run(
 ) -> Result<(), String> {
     // Threads that are started from here inherit it. Where it is refused, evaluation is only less modest.
     let _ = rustix::process::nice(NICE);
-    let mut early = Early { asked, waiting: Vec::new(), publisher: &mut publisher, shared };
+    let mut early = EarlyDoor { asked, waiting: Vec::new(), publisher: &mut publisher, shared };
     let started = catch_unwind(AssertUnwindSafe(|| start(begun_with, &mut early, picture)));
     let waiting = early.waiting;
     let started = started.unwrap_or_else(|panic| Err(format!("the start failed: {}", said(&*panic))));
@@ -243,7 +243,7 @@ fn run(
 }
 
 /// The front end, before there is an engine.
-struct Early<'a> {
+struct EarlyDoor<'a> {
     asked: &'a Receiver<Request>,
     /// What it asked that waits for the engine, and since when.
     waiting: Vec<(Request, Instant)>,
@@ -251,7 +251,7 @@ struct Early<'a> {
     shared: &'a Shared,
 }
 
-impl Early<'_> {
+impl EarlyDoor<'_> {
     /// Answers what can be answered. Tells whether the front end is gone.
     fn requests(&mut self, anteroom: &mut Anteroom<'_>) -> bool {
         loop {
@@ -275,7 +275,7 @@ impl Early<'_> {
 /// before.
 fn start(
     (config, watch): (HostConfig, ReadWatch),
-    early: &mut Early<'_>,
+    early: &mut EarlyDoor<'_>,
     picture: watch::Sender<Option<Arc<Picture>>>,
 ) -> Result<Option<Pump>, String> {
     let jobs = config.workers();

@@ -166,14 +166,14 @@ pub struct Config<'a> {
 }
 
 /// What an engine decides by and begins with, read before anything of the store is.
-struct Rules {
+struct StartRules {
     profile: Profile,
     table: PolicyTable,
     own: Option<ProfileTexts>,
     baselines: Vec<Capability>,
 }
 
-impl Rules {
+impl StartRules {
     fn of(chosen: &ChosenProfile) -> Result<Self, StartError> {
         let (profile, table) = chosen.rules()?;
         Ok(Self { profile, table, own: chosen.texts().cloned(), baselines: baselines()? })
@@ -197,14 +197,19 @@ impl Engine {
     /// # Errors
     /// [`StartError`]; the store is then as it was, but for the recovery that was written.
     pub fn start(config: Config<'_>) -> Result<Self, StartError> {
-        let rules = Rules::of(&config.profile)?;
+        let rules = StartRules::of(&config.profile)?;
         let store = Store::open(config.data)?;
         Self::on(config, rules, store, Controls::default())
     }
 
     /// Starts on a store whose record was read.
-    fn on(config: Config<'_>, rules: Rules, store: Store, controls: Controls) -> Result<Self, StartError> {
-        let Rules { profile, table, own, baselines } = rules;
+    fn on(
+        config: Config<'_>,
+        rules: StartRules,
+        store: Store,
+        controls: Controls,
+    ) -> Result<Self, StartError> {
+        let StartRules { profile, table, own, baselines } = rules;
         let from_ms = store.opening().head.at_ms;
         let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
         let ledger = Ledger::open(store, !config.scripted)?;

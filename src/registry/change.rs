@@ -7,7 +7,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::names::{EvidenceKind, RequestState};
-use super::telemetry::BatchReceipt;
 use holdpoint_approvals::{SignedApproval, SignedPersonAct};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
@@ -275,6 +274,17 @@ pub enum Change {
         /// All of it, JSON text.
         json: String,
     },
+}
+
+/// A batch as it is kept; what [`Change::SealTelemetryBlock`] takes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BatchReceipt {
+    /// The version it is about.
+    pub version: CapabilityId,
+    pub batch: u64,
+    /// Digest of all its fields.
+    pub digest: Digest,
+    pub rows: u64,
 }
 
 impl Change {

@@ -10,7 +10,7 @@ use super::checkpoint::{Kept, read_all};
 use super::compare::{check_approvals, compare};
 use super::copies::ChainAt;
 use super::error::StoreError;
-use super::fold::{ChainFault, Fold, FoldError, Watch};
+use super::fold::{ChainFault, Fold, FoldError, ReadingWatch};
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
@@ -37,7 +37,7 @@ pub(crate) fn check_existing(
     layout: &Layout,
     key: &VerifyingKey,
     problems: &Problems,
-    watch: Watch<'_>,
+    watch: ReadingWatch<'_>,
 ) -> Result<Fold, StoreError> {
     let database = layout.database();
     let connection = open_reader(&database, &STORE)?;
@@ -96,7 +96,7 @@ fn checked_chain(
     connection: &Connection,
     database: &Path,
     known: Option<Fold>,
-    watch: Watch<'_>,
+    watch: ReadingWatch<'_>,
 ) -> Result<Fold, StoreError> {
     let mut fold = known.unwrap_or_else(Fold::empty);
     fold.read_records(connection, watch).map_err(refused_chain(connection, database))?;

@@ -12,7 +12,7 @@ use ed25519_dalek::VerifyingKey;
 use rusqlite::{Connection, OpenFlags};
 
 use super::checkpoint::{BadFile, Checkpoint, FILE_BYTES_MAX, names};
-use super::exported::{LINE_BYTES_MAX, Line};
+use super::exported::{ExportLine, LINE_BYTES_MAX};
 use super::proof::Proof;
 use super::signed;
 use holdpoint_governance::ids::Digest;
@@ -128,14 +128,14 @@ fn read_lines(path: &Path) -> Result<Vec<HeldCopy>, BadFile> {
         if !line.starts_with(b"{\"head\":") && !line.starts_with(b"{\"end\":") && number > 1 {
             continue;
         }
-        match serde_json::from_slice::<Line>(&line) {
-            Ok(Line::Head(checkpoint) | Line::End(checkpoint)) => {
+        match serde_json::from_slice::<ExportLine>(&line) {
+            Ok(ExportLine::Head(checkpoint) | ExportLine::End(checkpoint)) => {
                 copies.push_back(HeldCopy { file: named(number), checkpoint });
                 if copies.len() > HEADS_MAX {
                     copies.pop_front();
                 }
             }
-            Ok(Line::Export(_) | Line::Record(_) | Line::Approval(_)) => {}
+            Ok(ExportLine::Export(_) | ExportLine::Record(_) | ExportLine::Approval(_)) => {}
             Err(_) if number == 1 => {
                 let problem = "it is no checkpoint, proof, database or exported store";
                 return Err(BadFile { file: path.display().to_string(), problem: problem.to_owned() });

@@ -21,7 +21,7 @@ use super::merkle::Frontier;
 use super::migrate::STORE;
 use super::open::open_reader;
 use super::signed;
-use super::verify::VerifyError;
+use super::unsound::VerifyError;
 use holdpoint_approvals::{SignedApproval, keyfile};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
@@ -36,7 +36,7 @@ pub(crate) const LINE_BYTES_MAX: u64 = 32 << 20;
 /// One line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Line {
+pub(crate) enum ExportLine {
     Export(ExportHeader),
     Head(Checkpoint),
     End(Checkpoint),
@@ -130,11 +130,11 @@ pub fn export_store(
     let folder = database.parent().unwrap_or(Path::new(".")).join("checkpoints");
     let kept =
         read_all(&folder).map_err(|bad| other(StoreError::invalid("checkpoint", bad.file, bad.problem)))?;
-    let mut put = |line: &Line| -> Result<(), ExportError> {
+    let mut put = |line: &ExportLine| -> Result<(), ExportError> {
         out.write_all(ascii_json(&serde_json::to_string(line)?).as_bytes())?;
         Ok(out.write_all(b"\n")?)
     };
-    put(&Line::Export(ExportHeader {
+    put(&ExportLine::Export(ExportHeader {
         format: FORMAT.to_owned(),
         version: VERSION,
         store_id,
@@ -142,14 +142,14 @@ pub fn export_store(
         public_key: public_key.map(|key| keyfile::hex(key.as_bytes())),
     }))?;
     for kept in until(kept, end.as_ref(), head.seq) {
-        put(&Line::Head(kept.checkpoint))?;
+        put(&ExportLine::Head(kept.checkpoint))?;
     }
     if let Some(end) = end {
-        put(&Line::End(end))?;
+        put(&ExportLine::End(end))?;
     }
-    audit::for_each(&connection, 1, |record| put(&Line::Record(Box::new(record.into()))))?;
+    audit::for_each(&connection, 1, |record| put(&ExportLine::Record(Box::new(record.into()))))?;
     for signed in approvals(&connection)? {
-        put(&Line::Approval(Box::new(serde_json::from_str(&signed)?)))?;
+        put(&ExportLine::Approval(Box::new(serde_json::from_str(&signed)?)))?;
     }
     out.flush()?;
     Ok(head.seq)
@@ -163,14 +163,14 @@ fn approvals(connection: &Connection) -> rusqlite::Result<Vec<String>> {
 }
 
 /// Reads the lines of an exported file.
-struct Lines {
+struct ExportLines {
     reader: BufReader<File>,
     number: u64,
 }
 
-impl Lines {
+impl ExportLines {
     /// The next line; `None` at the end.
-    fn next(&mut self) -> Result<Option<Line>, VerifyError> {
+    fn next(&mut self) -> Result<Option<ExportLine>, VerifyError> {
         self.number += 1;
         let number = self.number;
         let bad = |problem: String| VerifyError::Line { line: number, problem };
@@ -203,9 +203,9 @@ pub fn is_exported(path: &Path) -> bool {
 /// [`VerifyError`], the first thing found: records in their order, heads, the end, approvals.
 pub fn verify_export(path: &Path, key: Option<&VerifyingKey>) -> Result<ExportReport, VerifyError> {
     let file = File::open(path).map_err(StoreError::io("read", path))?;
-    let mut lines = Lines { reader: BufReader::new(file), number: 0 };
+    let mut lines = ExportLines { reader: BufReader::new(file), number: 0 };
     let header = match lines.next()? {
-        Some(Line::Export(header)) if header.format == FORMAT && header.version == VERSION => header,
+        Some(ExportLine::Export(header)) if header.format == FORMAT && header.version == VERSION => header,
         _ => {
             let problem = format!("it has to say that the file is a {FORMAT} of version {VERSION}");
             return Err(VerifyError::Line { line: 1, problem });
@@ -268,22 +268,24 @@ impl Default for Exported {
 }
 
 impl Exported {
-    fn take(&mut self, line: Line, number: u64) -> Result<(), VerifyError> {
+    fn take(&mut self, line: ExportLine, number: u64) -> Result<(), VerifyError> {
         let misplaced = || VerifyError::Line { line: number, problem: "it does not belong here".to_owned() };
         match line {
-            Line::Export(_) => Err(misplaced()),
-            Line::Head(_) | Line::End(_) if self.end.seq > 0 || self.signed_end.is_some() => Err(misplaced()),
-            Line::Head(checkpoint) => {
+            ExportLine::Export(_) => Err(misplaced()),
+            ExportLine::Head(_) | ExportLine::End(_) if self.end.seq > 0 || self.signed_end.is_some() => {
+                Err(misplaced())
+            }
+            ExportLine::Head(checkpoint) => {
                 self.heads.push(Kept { file: format!("line {number}"), checkpoint });
                 Ok(())
             }
-            Line::End(end) => {
+            ExportLine::End(end) => {
                 self.signed_end = Some(end);
                 Ok(())
             }
-            Line::Record(_) if !self.approvals.is_empty() => Err(misplaced()),
-            Line::Record(record) => self.take_record(&(*record).into()),
-            Line::Approval(signed) => {
+            ExportLine::Record(_) if !self.approvals.is_empty() => Err(misplaced()),
+            ExportLine::Record(record) => self.take_record(&(*record).into()),
+            ExportLine::Approval(signed) => {
                 self.approvals.push(*signed);
                 Ok(())
             }
@@ -311,7 +313,7 @@ impl Exported {
             self.put.insert(body.change.nonce);
         }
         if record.kind == RecordKind::StoreRebuilt {
-            let body: RebuiltBody =
+            let body: RowsOnRecord =
                 serde_json::from_str(&record.body).map_err(|error| bad(&error.to_string()))?;
             let approvals = body.rows.into_iter().filter(|(table, ..)| table == "approval");
             self.lost.extend(approvals.map(|(_, nonce, _)| nonce));
@@ -427,6 +429,6 @@ struct PutChange {
 
 /// The part of a rebuild's record that is read.
 #[derive(Deserialize)]
-struct RebuiltBody {
+struct RowsOnRecord {
     rows: Vec<(String, String, Digest)>,
 }

@@ -117,7 +117,7 @@ pub(crate) struct Fold {
 const REPORT_EVERY: u64 = 1024;
 
 /// Is told how many records were read, some thousand at a time.
-pub(crate) type Watch<'a> = &'a mut dyn FnMut(u64);
+pub(crate) type ReadingWatch<'a> = &'a mut dyn FnMut(u64);
 
 /// The parts of a store record that the fold reads; of most kinds only which rows it set.
 #[derive(Deserialize)]
@@ -216,7 +216,7 @@ impl Fold {
     pub(crate) fn read_records(
         &mut self,
         connection: &Connection,
-        watch: Watch<'_>,
+        watch: ReadingWatch<'_>,
     ) -> Result<(), FoldError> {
         let first = self.end.seq + 1;
         let unreadable = |source| FoldError::Read { seq: first, source };

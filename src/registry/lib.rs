@@ -6,7 +6,9 @@
 //! bytes it was given. The dispatcher gets the [`ActiveVersions`] and nothing else.
 
 mod activate;
+mod administrator;
 mod apply;
+mod appointment;
 mod approve;
 mod audit;
 mod backup;
@@ -45,16 +47,19 @@ mod store;
 mod structure;
 mod taken;
 mod telemetry;
+mod unsound;
 mod verify;
 mod version;
 mod views;
 mod witness;
 
+pub use administrator::FIRST_ADMINISTRATOR;
+pub use appointment::{add_witness, remove_witness};
 pub use audit::{ExportError, Head};
 pub use backup::{BackupError, BackupParts, BackupReport, backup};
 pub use change::{
-    AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NewVersion,
-    Receipt, TEXT_BYTES_MAX, Transaction,
+    AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, BatchReceipt, CHANGES_MAX, Change,
+    NewVersion, Receipt, TEXT_BYTES_MAX, Transaction,
 };
 pub use checkpoint::{Checkpoint, Link};
 pub use entries::{
@@ -68,14 +73,14 @@ pub use invariants::{Invariant, Violation, check_invariants};
 pub use kept::{Found, KeptCells, KeptSecret};
 pub use layout::{Layout, utc};
 pub use lost::{DifferingRow, Rebuilt};
-pub use people::FIRST_ADMINISTRATOR;
 pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, prove_record};
 pub use rebuild::rebuild;
 pub use recovery::Interrupted;
 pub use seals::FoundTelemetry;
 pub use store::{Opening, Store};
 pub use taken::UnreadStore;
-pub use telemetry::{Batch, BatchReceipt, EpisodeKey, NumberedBatch, TelemetryLimits, TelemetryViews};
-pub use verify::{Judged, MissingBatches, VerifyError, VerifyReport, verify, verify_against};
+pub use telemetry::{Batch, EpisodeKey, NumberedBatch, TelemetryLimits, TelemetryViews};
+pub use unsound::VerifyError;
+pub use verify::{JudgedBy, MissingBatches, VerifyReport, verify, verify_against};
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};
-pub use witness::{WITNESSES_MAX, add_witness, look_at_witness, remove_witness, witnesses};
+pub use witness::{WITNESSES_MAX, look_at_witness, witnesses};

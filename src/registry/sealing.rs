@@ -3,9 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::apply::{Applier, Touched, check_int};
-use super::change::{BLOCK_BATCHES_MAX, Change, GAPS_MAX};
+use super::change::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX};
 use super::error::StoreError;
-use super::telemetry::BatchReceipt;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::RecordKind;
 

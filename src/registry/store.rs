@@ -15,12 +15,12 @@ use rusqlite::{Connection, TransactionBehavior};
 
 use super::apply::{ApprovalBasis, apply};
 use super::audit::{self, ExportError, Head};
-use super::change::{Change, Receipt, Transaction};
+use super::change::{BatchReceipt, Change, Receipt, Transaction};
 use super::check::{check_existing, kept_checkpoints, store_id};
 use super::checkpoint::{Checkpoint, EVERY_RECORDS, Link};
 use super::compare::compare;
 use super::error::StoreError;
-use super::fold::{Fold, Watch};
+use super::fold::{Fold, ReadingWatch};
 use super::kept::{KeptCells, KeptSecret};
 use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
@@ -31,7 +31,7 @@ use super::shape::first_difference;
 use super::signed;
 use super::snapshot;
 use super::taken::UnreadStore;
-use super::telemetry::{Batch, BatchReceipt, TelemetryFile, TelemetryLimits};
+use super::telemetry::{Batch, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
 use super::witness::{Problems, Senders};
 use holdpoint_governance::ids::Digest;
@@ -96,7 +96,7 @@ impl Store {
     }
 
     /// Reads the whole record of a store that was taken, and opens it.
-    pub(crate) fn on(taken: UnreadStore, watch: Watch<'_>) -> Result<Self, StoreError> {
+    pub(crate) fn on(taken: UnreadStore, watch: ReadingWatch<'_>) -> Result<Self, StoreError> {
         let UnreadStore { layout, lock, key, created, limits, .. } = taken;
         let problems = Problems::default();
         let fold = if created {

@@ -11,9 +11,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
-use serde::{Deserialize, Serialize};
 
-use super::change::{BLOCK_BATCHES_MAX, Change, GAPS_MAX};
+use super::change::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX};
 use super::columns::parsed;
 use super::error::StoreError;
 use super::migrate::TELEMETRY;
@@ -54,17 +53,6 @@ pub struct Batch {
     pub rows: u64,
     /// The rows, at most 4 MiB.
     pub body: Vec<u8>,
-}
-
-/// A batch as it is kept; what [`Change::SealTelemetryBlock`] takes.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct BatchReceipt {
-    /// The version it is about.
-    pub version: CapabilityId,
-    pub batch: u64,
-    /// Digest of all its fields.
-    pub digest: Digest,
-    pub rows: u64,
 }
 
 /// What an episode's result depends on.

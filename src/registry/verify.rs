@@ -3,7 +3,6 @@
 //! Needs the database file and, to judge checkpoints, the store's public key. Looks at `checkpoints/` and
 //! `telemetry.db` beside the file if they are there. Never writes.
 
-use std::borrow::Cow;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -25,13 +24,13 @@ use super::shape::first_difference;
 use super::signed::{self, Unsigned};
 use super::structure;
 use super::telemetry::check_batch;
+use super::unsound::VerifyError;
 use super::witness::folder_of;
 use holdpoint_governance::ids::Digest;
-use holdpoint_text::Hint;
 
 /// What a store is judged by, beside itself.
 #[derive(Clone, Copy)]
-pub struct Judged<'a> {
+pub struct JudgedBy<'a> {
     /// The store's public key; without one no signature is checked.
     pub key: Option<&'a VerifyingKey>,
     /// Files and folders with signed heads that were kept elsewhere.
@@ -97,89 +96,6 @@ impl MissingBatches {
     }
 }
 
-/// The first thing that is not sound.
-#[derive(Debug, thiserror::Error)]
-pub enum VerifyError {
-    /// The file cannot be opened or read.
-    #[error(transparent)]
-    Unreadable(#[from] StoreError),
-    /// The file is damaged.
-    #[error("the database is damaged: {0}")]
-    Damaged(String),
-    /// A record of the chain.
-    #[error("audit record {seq} is bad: {problem}")]
-    Record { seq: u64, problem: String },
-    /// The registry is not what the chain says.
-    #[error("the {table} {key:?} does not match the audit chain: {problem}")]
-    State { table: &'static str, key: String, problem: String },
-    /// An invariant of the registry.
-    #[error("the registry breaks an invariant: {0}")]
-    Invariant(String),
-    #[error("the checkpoint {file:?} is bad: {problem}")]
-    Checkpoint { file: String, problem: String },
-    /// A signed head that was kept elsewhere, or the chain it speaks against.
-    #[error("the copy {file:?} speaks against it: {problem}")]
-    Copy { file: String, problem: String },
-    /// A line of an exported file that is no line of one.
-    #[error("line {line} is bad: {problem}")]
-    Line { line: u64, problem: String },
-    /// What signs the end of the chain.
-    #[error("the audit chain is not signed to its end: {0}")]
-    Unsigned(String),
-    #[error("the approval {nonce} is bad: {problem}")]
-    Approval { nonce: String, problem: String },
-    /// An act that enrolled or revoked somebody.
-    #[error("the person {name:?} is bad: {problem}")]
-    Person { name: String, problem: String },
-    /// A sealed batch of telemetry.
-    #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
-    Telemetry {
-        batch: u64,
-        /// The record that sealed it.
-        seq: u64,
-        problem: String,
-    },
-}
-
-impl VerifyError {
-    /// The record that it names, if it is of one.
-    #[must_use]
-    pub const fn record(&self) -> Option<u64> {
-        match self {
-            Self::Record { seq, .. } | Self::Telemetry { seq, .. } => Some(*seq),
-            Self::Unreadable(_)
-            | Self::Damaged(_)
-            | Self::State { .. }
-            | Self::Invariant(_)
-            | Self::Checkpoint { .. }
-            | Self::Copy { .. }
-            | Self::Line { .. }
-            | Self::Unsigned(_)
-            | Self::Approval { .. }
-            | Self::Person { .. } => None,
-        }
-    }
-}
-
-impl Hint for VerifyError {
-    fn hint(&self) -> Option<Cow<'static, str>> {
-        match self {
-            Self::Unreadable(error) => error.hint(),
-            Self::Damaged(_)
-            | Self::Record { .. }
-            | Self::State { .. }
-            | Self::Invariant(_)
-            | Self::Checkpoint { .. }
-            | Self::Copy { .. }
-            | Self::Line { .. }
-            | Self::Unsigned(_)
-            | Self::Approval { .. }
-            | Self::Person { .. }
-            | Self::Telemetry { .. } => None,
-        }
-    }
-}
-
 /// Where a store has its checkpoints and its keys, beside its database.
 const CHECKPOINTS: &str = "checkpoints";
 const KEYS: &str = "keys";
@@ -197,14 +113,17 @@ fn unreadable(source: rusqlite::Error) -> VerifyError {
 /// # Errors
 /// As [`verify_against`].
 pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
-    verify_against(database, &Judged { key: public_key, against: &[], witnesses: true, tell: &|_, _, _| {} })
+    verify_against(
+        database,
+        &JudgedBy { key: public_key, against: &[], witnesses: true, tell: &|_, _, _| {} },
+    )
 }
 
 /// Verifies the store in this database file against heads of it that were kept elsewhere, too.
 ///
 /// # Errors
 /// [`VerifyError`], the first thing found: file, chain, checkpoints, copies, end, state, invariants, approvals, telemetry.
-pub fn verify_against(database: &Path, judged: &Judged<'_>) -> Result<VerifyReport, VerifyError> {
+pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyReport, VerifyError> {
     let public_key = judged.key;
     let folder = database.parent().unwrap_or(Path::new("."));
     // Before the records: an engine may be writing both.

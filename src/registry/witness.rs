@@ -16,15 +16,13 @@ use std::time::{Duration, Instant};
 use ed25519_dalek::VerifyingKey;
 use serde::Deserialize;
 
-use super::change::{Change, Transaction};
+use super::change::Change;
 use super::checkpoint::{self, Checkpoint};
 use super::copies::{ChainAt, check_copy};
 use super::error::StoreError;
 use super::layout::{sync_folder, write_atomically};
 use super::migrate::STORE;
 use super::open::open_reader;
-use super::signed;
-use super::store::Store;
 use holdpoint_governance::ids::is_name;
 use holdpoint_governance::record::RecordKind;
 
@@ -113,56 +111,13 @@ fn put(folder: &Path, head: &Checkpoint) -> Result<(), StoreError> {
     write_atomically(&folder.join(checkpoint::name(head.seq)), text.as_bytes())
 }
 
-/// Adds a witness: its folder for this store is made, and it is on record from then on. `by` is who asked for it as the
-/// system says, JSON text.
-///
-/// # Errors
-/// If the folder cannot be written, there are too many, or it is one already.
-pub fn add_witness(store: &Store, folder: &str, by: String, wall_ms: i64) -> Result<(), StoreError> {
-    check_path(folder)?;
-    if witnesses(&store.layout().database())?.contains(folder) {
-        return Err(StoreError::Exists { what: "witness", name: folder.to_owned() });
-    }
-    let connection = open_reader(&store.layout().database(), &STORE)?;
-    let unreadable = |problem: String| StoreError::invalid("signed end", "", problem);
-    let Some(end) = signed::read(&connection).map_err(unreadable)? else {
-        return Err(StoreError::invalid("store", store.store_id(), "one with at least one record"));
-    };
-    prepare(folder, &end)?;
-    set(store, folder, true, by, wall_ms)
-}
-
-/// Removes a witness, on record. What it has stays there.
-///
-/// # Errors
-/// If it is none.
-pub fn remove_witness(store: &Store, folder: &str, by: String, wall_ms: i64) -> Result<(), StoreError> {
-    if !witnesses(&store.layout().database())?.contains(folder) {
-        return Err(StoreError::NotFound { what: "witness", name: folder.to_owned() });
-    }
-    set(store, folder, false, by, wall_ms)
-}
-
-fn set(store: &Store, folder: &str, present: bool, by: String, wall_ms: i64) -> Result<(), StoreError> {
-    let head = store.views()?.head()?;
-    store
-        .commit(Transaction {
-            command_id: format!("witness-{}", head.seq + 1),
-            at_ms: head.at_ms,
-            wall_ms,
-            changes: vec![Change::SetWitness { folder: folder.to_owned(), present, by }],
-            audit: Vec::new(),
-        })
-        .map(drop)
-}
-
 /// The folders that get every checkpoint of a store, as its records say.
 ///
 /// # Errors
 /// If the store cannot be read.
 pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
     #[derive(Deserialize)]
-    struct Body {
+    struct WitnessOnRecord {
         change: Change,
     }
     let error = StoreError::sql("read the audit chain");
@@ -173,7 +128,7 @@ pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
     let mut found = BTreeSet::new();
     while let Some(row) = rows.next().map_err(&error)? {
         let (seq, body): (u64, String) = (row.get(0).map_err(&error)?, row.get(1).map_err(&error)?);
-        let read: Body =
+        let read: WitnessOnRecord =
             serde_json::from_str(&body).map_err(|it| StoreError::invalid("audit record", seq, it))?;
         if let Change::SetWitness { folder, present, .. } = read.change {
             if present {

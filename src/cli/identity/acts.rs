@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 
-use super::listed::Standing;
+use super::listed::EnrolmentStanding;
 use crate::cli::context::CliContext;
 use crate::cli::decide::{parse_identity, parse_reason};
 use crate::cli::output::Output;
@@ -139,10 +139,10 @@ pub(super) enum Enrolment {
 }
 
 impl Enrolment {
-    pub(super) const fn standing(&self) -> Standing {
+    pub(super) const fn standing(&self) -> EnrolmentStanding {
         match self {
-            Self::By { .. } => Standing::Enrolled,
-            Self::NotYet { .. } => Standing::NotEnrolled,
+            Self::By { .. } => EnrolmentStanding::Enrolled,
+            Self::NotYet { .. } => EnrolmentStanding::NotEnrolled,
         }
     }
 

@@ -15,7 +15,7 @@ use holdpoint_registry::{Layout, Views};
 
 words! {
     /// How somebody stands in a store.
-    Standing, "standing of an identity", {
+    EnrolmentStanding, "standing of an identity", {
         Enrolled = "enrolled",
         Revoked = "revoked",
         /// There is a key, and nobody enrolled it: it decides nothing.
@@ -23,7 +23,7 @@ words! {
     }
 }
 
-impl From<PersonState> for Standing {
+impl From<PersonState> for EnrolmentStanding {
     fn from(state: PersonState) -> Self {
         match state {
             PersonState::Enrolled => Self::Enrolled,
@@ -33,13 +33,13 @@ impl From<PersonState> for Standing {
 }
 
 #[derive(Serialize)]
-pub(super) struct Row {
+pub(super) struct ListedIdentity {
     pub(super) name: String,
     pub(super) role: Role,
     pub(super) public_key: String,
     /// Absent if the key file cannot be read.
     pub(super) protection: Option<Protection>,
-    pub(super) state: Standing,
+    pub(super) state: EnrolmentStanding,
     /// Whether the key had no passphrase when it was enrolled, as far as that could be seen.
     #[serde(skip_serializing_if = "Option::is_none")]
     enrolled_unprotected: Option<bool>,
@@ -49,14 +49,14 @@ pub(super) struct Row {
     revoked_by: Option<String>,
 }
 
-impl Row {
+impl ListedIdentity {
     pub(super) fn of(info: &IdentityInfo, protection: Option<Protection>) -> Self {
         Self {
             name: info.name.clone(),
             role: info.role,
             public_key: keyfile::hex(info.public_key.as_bytes()),
             protection,
-            state: Standing::NotEnrolled,
+            state: EnrolmentStanding::NotEnrolled,
             enrolled_unprotected: None,
             enrolled_by: None,
             revoked_by: None,
@@ -64,7 +64,11 @@ impl Row {
     }
 
     /// Of a key that was just made.
-    pub(super) fn made(info: &IdentityInfo, protection: Option<Protection>, state: Standing) -> Self {
+    pub(super) fn made(
+        info: &IdentityInfo,
+        protection: Option<Protection>,
+        state: EnrolmentStanding,
+    ) -> Self {
         Self { state, ..Self::of(info, protection) }
     }
 
@@ -99,19 +103,19 @@ pub(super) fn list(context: &CliContext, out: &mut Output<'_>) -> Result<(), Cli
         }
         protection.ok()
     };
-    let mut rows: BTreeMap<String, Row> = BTreeMap::new();
+    let mut rows: BTreeMap<String, ListedIdentity> = BTreeMap::new();
     if layout.database().exists() {
         let views = Views::open_checked(&layout.database()).map_err(CliError::usage)?;
         for person in views.persons().map_err(CliError::usage)?.all() {
-            rows.insert(person.name.clone(), Row::of_person(person, protection(&person.name)));
+            rows.insert(person.name.clone(), ListedIdentity::of_person(person, protection(&person.name)));
         }
     }
     for info in &files.known {
         if !rows.contains_key(&info.name) {
-            rows.insert(info.name.clone(), Row::of(info, protection(&info.name)));
+            rows.insert(info.name.clone(), ListedIdentity::of(info, protection(&info.name)));
         }
     }
-    let rows: Vec<Row> = rows.into_values().collect();
+    let rows: Vec<ListedIdentity> = rows.into_values().collect();
     out.answer(&rows, |out| {
         if rows.is_empty() {
             return out.line(&format!("no identities in {}", folder.display()));

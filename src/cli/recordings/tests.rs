@@ -95,7 +95,7 @@ fn a_removal_is_on_record_and_then_nothing_is_missing() {
     drop(taken);
     let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
     assert_eq!((ended.unwrap(), text.lines().count()), (Exit::Confirmed, 2), "{text}");
-    let record = on_record(&crate::cli::audit::open(root.path()).unwrap()).unwrap();
+    let record = on_record(&crate::cli::data::open(root.path()).unwrap()).unwrap();
     let removed = record.0[FILE].removed.clone().unwrap();
     assert_eq!((removed.reason.as_str(), removed.bytes), ("too old", FILE.len() as u64));
     assert_eq!(removed.sha256, record.recorded(FILE).unwrap().sha256);

@@ -73,7 +73,7 @@ const APPENDS: u64 = 10_000;
 
 /// What is measured, each in a process of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+enum Measure {
     View,
     Start,
     StartWhole,
@@ -84,7 +84,7 @@ enum Phase {
     StartAfter,
 }
 
-impl Phase {
+impl Measure {
     const ALL: [Self; 8] = [
         Self::View,
         Self::Start,
@@ -221,7 +221,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if let [flag, phase, folder] = arguments.as_slice()
         && flag == "--phase"
     {
-        let phase = Phase::ALL.into_iter().find(|known| known.name() == phase).ok_or("no such phase")?;
+        let phase = Measure::ALL.into_iter().find(|known| known.name() == phase).ok_or("no such phase")?;
         return timed(phase.name(), || phase.work(Path::new(folder)));
     }
     let asked: Vec<u64> = arguments.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
@@ -240,7 +240,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         timed("proof checked", || proof.check(&key))?;
         timed("exported", || export_store(&database, Some(&key), &mut std::io::sink()))?;
         timed("backup", || backup(folder.path(), &folder.path().join("copy"), BackupParts::default()))?;
-        for phase in Phase::ALL {
+        for phase in Measure::ALL {
             phase.prepare(folder.path());
             let done = Command::new(std::env::current_exe()?)
                 .args(["--phase", phase.name()])

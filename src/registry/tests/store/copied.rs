@@ -68,7 +68,7 @@ fn secrets_are_copied_only_where_they_are_asked_for() {
         names.sort();
         names
     };
-    assert_eq!(keys(&without), ["ada.pub", "admin.pub", "store.pub"]);
+    assert_eq!(keys(&without), ["ada.pub", "admin.pub", "ben.pub", "store.pub"]);
     assert!(!without.join("recordings").exists());
     assert!(backup(folder.path(), &with, ALL).unwrap().keys);
     assert_eq!(keys(&with), keys(folder.path()));

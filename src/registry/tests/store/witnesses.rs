@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use holdpoint_approvals::keyfile;
 use holdpoint_registry::{
-    BackupParts, Checkpoint, Judged, Store, StoreError, VerifyError, WITNESSES_MAX, add_witness, backup,
+    BackupParts, Checkpoint, JudgedBy, Store, StoreError, VerifyError, WITNESSES_MAX, add_witness, backup,
     export_store, look_at_witness, prove_record, remove_witness, verify, verify_against, witnesses,
 };
 use holdpoint_text::Hint as _;
@@ -42,7 +42,7 @@ fn put_back(folder: &Path, before: &Path) {
 
 fn against(folder: &Path, copies: &[PathBuf]) -> Result<u64, VerifyError> {
     let key = public_key(folder);
-    let judged = Judged { key: Some(&key), against: copies, witnesses: true, tell: &|_, _, _| {} };
+    let judged = JudgedBy { key: Some(&key), against: copies, witnesses: true, tell: &|_, _, _| {} };
     verify_against(&folder.join("holdpoint.db"), &judged).map(|report| report.copies)
 }
 
