@@ -161,7 +161,9 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
 
 fn told(info: &StoreInfo, out: &mut Output<'_>) -> Result<(), CliError> {
     let mut table = Table::new(&["what", "is"]);
+    // Scripts note no wall time.
     let wall = |ms: Option<i64>| {
+        let ms = ms.filter(|ms| *ms != 0);
         let secs = ms.and_then(|ms| u64::try_from(ms / 1_000).ok());
         secs.map_or_else(|| "-".to_owned(), holdpoint_registry::utc)
     };

@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::bar::LateBar;
-use super::recordings::{self, counted};
+use super::recordings;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -178,7 +178,8 @@ fn exported(report: &ExportReport, out: &mut Output<'_>) -> Result<(), CliError>
     let by = if report.key_given { "the key that was given" } else { "the key that the file names itself" };
     out.line(&format!("signed heads       {} (checked with {by})", report.heads))?;
     out.line(&format!("root of the tree   {}", report.root))?;
-    out.line(&counted(usize::try_from(report.approvals).unwrap_or(usize::MAX), "approval"))
+    out.line(&format!("approvals          {}", report.approvals))?;
+    out.line(&format!("persons            {}", report.persons))
 }
 
 /// The folder of a witness as it goes on record.

@@ -165,7 +165,11 @@ pub(crate) fn check_copy(
     }
     if seq > end {
         let problem = format!("it was signed at record {seq}, and the chain ends at record {end}");
-        return Err(format!("{problem}: {} records were cut off", seq - end));
+        let cut = match seq - end {
+            1 => "1 record was".to_owned(),
+            more => format!("{more} records were"),
+        };
+        return Err(format!("{problem}: {cut} cut off"));
     }
     if seq == 0 {
         return Ok(());

@@ -3,7 +3,7 @@
 //! The first line says what the file is, then come the signed heads, the signed end, the records of the chain, and the
 //! signed approvals. The guide's page on records has the form in full, with how every hash and signature is made. What is judged here is what another verifier can judge by the file alone.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -13,6 +13,7 @@ use rusqlite::Connection;
 use serde::{Deserialize, Serialize};
 
 use super::audit::{self, ExportError, Head, ascii_json};
+use super::change::Change;
 use super::checkpoint::{Checkpoint, Kept, check_links, check_newest, read_all};
 use super::compare::is_lost;
 use super::error::StoreError;
@@ -22,7 +23,8 @@ use super::migrate::STORE;
 use super::open::open_reader;
 use super::signed;
 use super::unsound::VerifyError;
-use holdpoint_approvals::{SignedApproval, keyfile};
+use holdpoint_approvals::keyfile::hex;
+use holdpoint_approvals::{PersonActKind, PersonState, Persons, SignedApproval, SignedPersonAct, keyfile};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::words::Word;
@@ -96,8 +98,10 @@ pub struct ExportReport {
     pub root: Digest,
     /// Signed heads that are of this chain, the end included.
     pub heads: u64,
-    /// Approvals whose signature matches.
+    /// Approvals whose signature matches, each by somebody who was enrolled when it was given.
     pub approvals: u64,
+    /// Persons that the records enrol, revoked ones included.
+    pub persons: u64,
     /// Whether a public key was given; without one, signatures were checked with the key that the file itself names.
     pub key_given: bool,
 }
@@ -200,7 +204,8 @@ pub fn is_exported(path: &Path) -> bool {
 /// Verifies an exported file.
 ///
 /// # Errors
-/// [`VerifyError`], the first thing found: records in their order, heads, the end, approvals.
+/// [`VerifyError`], the first thing found: records in their order with the acts about persons among them, heads, the end,
+/// approvals.
 pub fn verify_export(path: &Path, key: Option<&VerifyingKey>) -> Result<ExportReport, VerifyError> {
     let file = File::open(path).map_err(StoreError::io("read", path))?;
     let mut lines = ExportLines { reader: BufReader::new(file), number: 0 };
@@ -222,7 +227,7 @@ pub fn verify_export(path: &Path, key: Option<&VerifyingKey>) -> Result<ExportRe
         let problem = "it names no public key, and none was given".to_owned();
         return Err(VerifyError::Line { line: 1, problem });
     };
-    let mut exported = Exported::default();
+    let mut exported = Exported::of(&header.store_id);
     while let Some(line) = lines.next()? {
         exported.take(line, lines.number)?;
     }
@@ -234,6 +239,7 @@ pub fn verify_export(path: &Path, key: Option<&VerifyingKey>) -> Result<ExportRe
         root: exported.tree.root(),
         heads: exported.heads.len() as u64 + u64::from(exported.signed_end.is_some()),
         approvals: exported.approvals.len() as u64,
+        persons: exported.persons.all().count() as u64,
         key_given: key.is_some(),
     })
 }
@@ -246,28 +252,29 @@ struct Exported {
     tree: Frontier,
     /// Records that a head speaks of: their hash and the tree's root.
     seen: Vec<(u64, Digest, Digest)>,
-    /// Nonces of the approvals on record, and those that a rebuild gave up.
-    put: BTreeSet<String>,
+    /// Nonces of the approvals on record, each with the key of who gave it; before anybody was enrolled, with none.
+    put: BTreeMap<String, Option<String>>,
+    /// Nonces of those that a rebuild gave up.
     lost: BTreeSet<String>,
     approvals: Vec<SignedApproval>,
+    persons: Persons,
 }
 
-impl Default for Exported {
-    fn default() -> Self {
+impl Exported {
+    fn of(store_id: &str) -> Self {
         Self {
+            persons: Persons::none(store_id),
             heads: Vec::new(),
             signed_end: None,
             end: START,
             tree: Frontier::empty(),
             seen: Vec::new(),
-            put: BTreeSet::new(),
+            put: BTreeMap::new(),
             lost: BTreeSet::new(),
             approvals: Vec::new(),
         }
     }
-}
 
-impl Exported {
     fn take(&mut self, line: ExportLine, number: u64) -> Result<(), VerifyError> {
         let misplaced = || VerifyError::Line { line: number, problem: "it does not belong here".to_owned() };
         match line {
@@ -310,7 +317,20 @@ impl Exported {
         if record.kind == RecordKind::ApprovalPut {
             let body: PutBody =
                 serde_json::from_str(&record.body).map_err(|error| bad(&error.to_string()))?;
-            self.put.insert(body.change.nonce);
+            let PutChange { nonce, who } = body.change;
+            let key = self.key_of(&who).map_err(|problem| VerifyError::Approval {
+                nonce: nonce.clone(),
+                problem: problem.to_owned(),
+            })?;
+            self.put.insert(nonce, key);
+        }
+        if matches!(record.kind.known(), Some(RecordKind::PersonEnrolled | RecordKind::PersonRevoked)) {
+            let body: PersonBody =
+                serde_json::from_str(&record.body).map_err(|error| bad(&error.to_string()))?;
+            let (Change::EnrolPerson(signed) | Change::RevokePerson(signed)) = &body.change else {
+                return Err(bad("it is no act about a person"));
+            };
+            self.take_act(record, signed)?;
         }
         if record.kind == RecordKind::StoreRebuilt {
             let body: RowsOnRecord =
@@ -327,6 +347,30 @@ impl Exported {
             self.seen.push((seq, record.hash, self.tree.root()));
         }
         Ok(())
+    }
+
+    /// The key of somebody who is enrolled as the records stand so far; none before anybody was enrolled.
+    fn key_of(&self, who: &str) -> Result<Option<String>, &'static str> {
+        if self.persons.is_empty() {
+            return Ok(None);
+        }
+        let person = self.persons.named(who).filter(|person| person.state == PersonState::Enrolled);
+        let person = person.ok_or("whoever gave it was not enrolled then")?;
+        Ok(Some(hex(person.public_key.as_bytes())))
+    }
+
+    /// The act is allowed as the records stand so far, and is what the record is said to be.
+    fn take_act(&mut self, record: &AuditRecord, signed: &SignedPersonAct) -> Result<(), VerifyError> {
+        let act = signed.act();
+        let kind = match act.act {
+            PersonActKind::Enrol => RecordKind::PersonEnrolled,
+            PersonActKind::Revoke => RecordKind::PersonRevoked,
+        };
+        let bad = |problem: String| VerifyError::Person { name: act.name.clone(), problem };
+        if record.kind != kind || record.subject != act.name {
+            return Err(bad("the act is not what was recorded".to_owned()));
+        }
+        self.persons.push(signed).map_err(|error| bad(error.to_string()))
     }
 
     fn check(&self, header: &ExportHeader, key: &VerifyingKey) -> Result<(), VerifyError> {
@@ -400,14 +444,15 @@ impl Exported {
             if signed.approval().store_id != store_id {
                 return Err(bad("it was made for another store"));
             }
-            if !self.put.contains(nonce) {
-                return Err(bad("no record speaks of it"));
+            let Some(key) = self.put.get(nonce) else { return Err(bad("no record speaks of it")) };
+            if key.as_deref().is_some_and(|key| key != signed.public_key()) {
+                return Err(bad("it was signed with another key than that of who gave it"));
             }
             if !found.insert(nonce) {
                 return Err(bad("it is there twice"));
             }
         }
-        match self.put.iter().find(|put| !found.contains(put.as_str()) && !self.lost.contains(*put)) {
+        match self.put.keys().find(|put| !found.contains(put.as_str()) && !self.lost.contains(*put)) {
             None => Ok(()),
             Some(nonce) => {
                 Err(VerifyError::Approval { nonce: nonce.clone(), problem: "it is missing".to_owned() })
@@ -425,6 +470,13 @@ struct PutBody {
 #[derive(Deserialize)]
 struct PutChange {
     nonce: String,
+    who: String,
+}
+
+/// The part of a person's record that is read.
+#[derive(Deserialize)]
+struct PersonBody {
+    change: Change,
 }
 
 /// The part of a rebuild's record that is read.

@@ -4,7 +4,8 @@
     verify.py FILE [--key store.pub] [--json]
 
 Needs Python 3.9 or newer and the package `cryptography`. Ends with 0 if the file is sound, with 1 if it is not, and with 2
-if it cannot be read. It follows the form that the guide describes (src/guide/records.md) and looks at the same things in the same order: records, signed heads, signed end, approvals.
+if it cannot be read. It follows the form that the guide describes (src/guide/records.md) and looks at the same things in the same order: records
+with the acts about persons among them, signed heads, signed end, approvals.
 """
 
 import argparse
@@ -34,6 +35,7 @@ class Bad(Exception):
             "head": f"the checkpoint in line {self.which} is bad: {self.problem}",
             "end": f"the audit chain is not signed to its end: {self.problem}",
             "approval": f"the approval {self.which} is bad: {self.problem}",
+            "person": f"the person {self.which!r} is bad: {self.problem}",
             "line": f"line {self.which} is bad: {self.problem}",
         }[self.what]
 
@@ -208,6 +210,71 @@ def signed_by(key, signature, message):
     return True
 
 
+class Persons:
+    """Whose keys may decide, by the acts on record so far."""
+
+    def __init__(self, store_id):
+        self.store_id, self.follows = text(store_id), digest("holdpoint/persons/v1", text(store_id))
+        self.keys, self.roles, self.revoked = {}, {}, set()
+
+    def take(self, record, change):
+        """Takes an act: signed by an administrator who is enrolled, following from the act before."""
+        fields(change, ("change", "act", "public_key", "signature"))
+        names = ("act", "name", "role", "key", "unprotected", "by", "reason", "store_id", "follows", "nonce")
+        act = fields(change["act"], names)
+        name, by, kind, role, key = (act[field] for field in ("name", "by", "act", "role", "key"))
+        kinds = {"person-enrolled": ("enrol-person", "enrol"), "person-revoked": ("revoke-person", "revoke")}
+        if kinds[record["kind"]] != (change["change"], kind) or record["subject"] != name:
+            raise Bad("person", name, "the act is not what was recorded")
+        if not isinstance(act["unprotected"], bool) or role not in ("operator", "engineer", "safety", "admin"):
+            raise ValueError("an act about a person is not of its form")
+        signed = digest(
+            "holdpoint/person-act/v1",
+            text(act["store_id"]),
+            digits(act["follows"], 32),
+            text(kind),
+            text(name),
+            text(role),
+            text(key),
+            b"unprotected" if act["unprotected"] else b"",
+            text(by),
+            text(act["reason"]),
+            text(act["nonce"]),
+        )
+        try:
+            signer = Ed25519PublicKey.from_public_bytes(digits(change["public_key"], 32))
+            Ed25519PublicKey.from_public_bytes(digits(key, 32))
+        except ValueError as error:
+            raise Bad("person", name, "a key of the act is none") from error
+        if not signed_by(signer, signature_of(change["signature"]), signed):
+            raise Bad("person", name, f"the signature of {by!r} does not match the act")
+        if text(act["store_id"]) != self.store_id or digits(act["follows"], 32) != self.follows:
+            raise Bad("person", name, "the act does not follow from the one before it in this store")
+        if not self.keys:
+            if (kind, role, by, change["public_key"]) != ("enrol", "admin", name, key):
+                raise Bad("person", name, "the first act enrols an administrator by that key itself")
+        elif by in self.revoked or self.keys.get(by) != change["public_key"] or self.roles[by] != "admin":
+            raise Bad("person", name, f"{by!r}, who signed, is no administrator who is enrolled")
+        if kind == "enrol":
+            if name in self.keys or key in self.keys.values():
+                raise Bad("person", name, "a name and a key are used once")
+            self.keys[name], self.roles[name] = key, role
+        else:
+            administrators = [one for one, is_a in self.roles.items() if is_a == "admin" and one not in self.revoked]
+            if name in self.revoked or (self.keys.get(name), self.roles.get(name)) != (key, role):
+                raise Bad("person", name, "nobody like that is enrolled")
+            if administrators == [name]:
+                raise Bad("person", name, "the last administrator cannot be revoked")
+            self.revoked.add(name)
+        self.follows = signed
+
+    def key_of(self, who):
+        """The key of somebody who is enrolled; none before anybody was."""
+        if self.keys and (who in self.revoked or who not in self.keys):
+            raise LookupError
+        return self.keys.get(who)
+
+
 class Export:
     """What was read of the file. Records are let go once they were looked at."""
 
@@ -217,6 +284,7 @@ class Export:
         self.seq, self.last, self.at_ms = 0, ZEROS, 0
         self.tree, self.seen, self.spoken_of = Tree(), {}, set()
         self.put, self.lost, self.approvals = {}, set(), []
+        self.persons = Persons(header["store_id"])
 
     def take(self, line, value):
         if not isinstance(value, dict) or len(value) != 1:
@@ -263,7 +331,13 @@ class Export:
         if record["at_ms"] < self.at_ms:
             raise Bad("record", seq, "it is older than the record before")
         if record["kind"] == "approval-put":
-            self.put[json.loads(record["body"])["change"]["nonce"]] = seq
+            change = json.loads(record["body"])["change"]
+            try:
+                self.put[change["nonce"]] = self.persons.key_of(change["who"])
+            except LookupError as error:
+                raise Bad("approval", change["nonce"], "whoever gave it was not enrolled then") from error
+        if record["kind"] in ("person-enrolled", "person-revoked"):
+            self.persons.take(record, json.loads(record["body"])["change"])
         if record["kind"] == "store-rebuilt":
             for table, key, _ in json.loads(record["body"])["rows"]:
                 if table == "approval":
@@ -340,6 +414,8 @@ class Export:
                 raise Bad("approval", nonce, "it was made for another store")
             if nonce not in self.put:
                 raise Bad("approval", nonce, "no record speaks of it")
+            if self.put[nonce] is not None and text(self.put[nonce]) != approval.public_key:
+                raise Bad("approval", nonce, "it was signed with another key than that of who gave it")
             if nonce in found:
                 raise Bad("approval", nonce, "it is there twice")
             found.add(nonce)
@@ -423,6 +499,7 @@ def main():
         "root": export.tree.root().hex(),
         "heads": len(export.heads) + (export.end is not None),
         "approvals": len(export.approvals),
+        "persons": len(export.persons.keys),
         "key_given": key is not None,
     }
     print(json.dumps(answer) if options.json else f"sound: {export.seq} records, head {export.last.hex()}")

@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use holdpoint_approvals::Identity;
+use holdpoint_governance::approval::Role;
 use holdpoint_registry::{
     BackupParts, Store, VerifyError, backup, check_store, export_store, is_exported, rebuild, store_info,
     verify, verify_export,
 };
 
+use crate::damage::rewrite;
 use crate::edits::{Dice, made, quick_folder};
 use crate::proofs::{heads, public_key};
 use crate::released::schema_1;
@@ -188,6 +191,7 @@ fn both(file: &Path) -> Result<(), String> {
                 VerifyError::Checkpoint { .. } => "head",
                 VerifyError::Unsigned(_) => "end",
                 VerifyError::Approval { .. } => "approval",
+                VerifyError::Person { .. } => "person",
                 VerifyError::Line { .. } => "line",
                 other => panic!("{other}"),
             };
@@ -302,7 +306,7 @@ fn a_damaged_export_is_judged_the_same_by_both() {
         ),
         ("heads at the end", Box::new(|lines| lines.push(lines[head].clone())), "does not belong here"),
         ("another form", replaced(0, "\"version\":1", "\"version\":2"), "line 1"),
-        ("another store", replaced(0, "\"store_id\":\"", "\"store_id\":\"a"), "belongs to the store"),
+        ("another store", replaced(0, "\"store_id\":\"", "\"store_id\":\"a"), "the person \"admin\" is bad"),
         ("fewer records", replaced(0, "\"records\":", "\"records\":1"), "is missing; the file is said"),
     ];
     for (what, damage, expected) in damages {
@@ -316,6 +320,59 @@ fn a_damaged_export_is_judged_the_same_by_both() {
     assert!(both(&file).unwrap_err().contains("cut short"));
     fs::write(&file, "").unwrap();
     assert!(both(&file).unwrap_err().contains("line 1"));
+}
+
+/// Whoever can write the records and has the store's key cannot make anybody a person: the acts are signed by others.
+#[test]
+fn persons_and_who_approved_are_judged_by_both() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    let body = |from: &str, to: &str, which: &str| {
+        format!("UPDATE audit SET body = replace(body, '{from}', '{to}') WHERE seq = ({which})")
+    };
+    let of =
+        |name: &str| format!("SELECT seq FROM audit WHERE kind = 'person-enrolled' AND subject = '{name}'");
+    let put = "SELECT min(seq) FROM audit WHERE kind = 'approval-put'";
+    for (what, edit, expected) in [
+        ("a reason", body("a test", "no test", &of("ada")), "the person \"ada\" is bad"),
+        (
+            "a role",
+            body("\"role\":\"operator\"", "\"role\":\"safety\"", &of("ada")),
+            "the person \"ada\" is bad",
+        ),
+        ("a signer", body("\"by\":\"admin\"", "\"by\":\"ada\"", &of("ada")), "the person \"ada\" is bad"),
+        ("an unknown giver", body("\"who\":\"ada\"", "\"who\":\"zoe\"", put), "was not enrolled then"),
+        (
+            "left out",
+            format!("UPDATE audit SET kind = 'decision' WHERE seq = ({})", of("ada")),
+            "does not follow",
+        ),
+    ] {
+        let store = root.path().join(what);
+        made(&store);
+        rewrite(&store, &edit);
+        export_store(
+            &store.join("holdpoint.db"),
+            Some(&public_key(&store)),
+            &mut fs::File::create(&file).unwrap(),
+        )
+        .unwrap();
+        let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
+        assert!(said.contains(expected), "{what}: {said}");
+    }
+    // The same decision under the same name, signed by somebody else's key.
+    let store = root.path().join("another key");
+    made(&store);
+    let mut lines = exported(&store, &file);
+    let line = lines.iter_mut().find(|line| line.starts_with("{\"approval\"")).unwrap();
+    let value: serde_json::Value = serde_json::from_str(line).unwrap();
+    let approval = serde_json::from_value(value["approval"]["approval"].clone()).unwrap();
+    fs::create_dir(root.path().join("others")).unwrap();
+    let other = Identity::create(&root.path().join("others"), "ada", Role::Operator);
+    let signed = other.unwrap().sign(approval);
+    *line = serde_json::json!({ "approval": signed }).to_string();
+    fs::write(&file, lines.join("\n") + "\n").unwrap();
+    assert!(both(&file).unwrap_err().contains("another key than that of who gave it"));
 }
 
 /// What JSON is made of.
