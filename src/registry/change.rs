@@ -231,7 +231,7 @@ pub enum Change {
     },
     /// Batches of telemetry are on disk; their digests enter the chain as one record.
     SealTelemetryBlock {
-        /// In the order of their numbers, at most [`BLOCK_BATCHES_MAX`].
+        /// In the order of their numbers, at most 64.
         batches: Vec<BatchReceipt>,
         /// They lay there when an engine came up, and nobody had sealed them before the last one ended.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
