@@ -142,7 +142,7 @@ pub enum Verb {
     Explain(explain::ExplainArgs),
     /// Computes the metrics that can be had from telemetry and record.
     Metrics(metrics::MetricsArgs),
-    /// Makes and lists the identities that sign decisions.
+    /// Makes, enrols, revokes and lists the identities that sign decisions.
     Identity(identity::IdentityArgs),
     /// Shows and checks deployment profiles.
     Profile(profile::ProfileArgs),
@@ -150,7 +150,7 @@ pub enum Verb {
     Pool(pool::PoolArgs),
     /// Shows the alarms that are open, or the history of all.
     Alarms(alarms::AlarmsArgs),
-    /// Reads, verifies and exports the audit log.
+    /// Reads, verifies, proves and exports the audit log, and names its witnesses.
     Audit(audit::AuditArgs),
     /// Looks at the store, copies it, writes its history out, and mends it.
     Store(store::StoreArgs),

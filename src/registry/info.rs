@@ -189,7 +189,18 @@ fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> Looked {
         Ok(Some(end)) => end,
         Ok(None) if head.seq == 0 => return good("There is no record yet that had to be signed."),
         Ok(None) => {
-            return bad("Nobody signed where the audit chain ends; an engine does at its next start.");
+            let newest = read_all(&layout.checkpoints()).ok().and_then(|mut kept| kept.pop());
+            return match newest.filter(|kept| kept.checkpoint.link.is_none()) {
+                Some(kept) if kept.checkpoint.seq == head.seq => good(
+                    "An earlier version signed the audit chain by checkpoints alone; the next engine signs its end.",
+                ),
+                Some(kept) => bad(format!(
+                    "An earlier version signed the audit chain up to record {}; `holdpoint store rebuild --from-chain` \
+                     takes what comes after as it is.",
+                    kept.checkpoint.seq
+                )),
+                None => bad("Nobody signed where the audit chain ends."),
+            };
         }
         Err(problem) => return bad(format!("The signed end of the audit chain is bad: {problem}.")),
     };
