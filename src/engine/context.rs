@@ -6,6 +6,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::{PolicyError, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, SiteName};
+use holdpoint_runtime::seeds::SeedKey;
 use holdpoint_runtime::terms::SkillTerms;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +55,7 @@ pub struct Context {
     pub digest: Digest,
     /// Robot, scene and distributions.
     pub cell: Cell,
+    seeds: SeedKey,
 }
 
 impl Context {
@@ -69,7 +71,15 @@ impl Context {
     ) -> Result<Self, serde_json::Error> {
         let profile_digest = profile.digest()?;
         let digest = digest(&profile_digest, &table.digest, &cell.digest());
-        Ok(Self { profile: Arc::new(profile), profile_digest, table: Arc::new(table), own, digest, cell })
+        let (profile, table, seeds) = (Arc::new(profile), Arc::new(table), SeedKey::of_run(0));
+        Ok(Self { profile, profile_digest, table, own, digest, cell, seeds })
+    }
+
+    /// The same with bundles' seeds drawn under this key.
+    #[must_use]
+    pub fn seeded(mut self, seeds: SeedKey) -> Self {
+        self.seeds = seeds;
+        self
     }
 
     /// The policies compiled again from the text in force, to hold the table against.
@@ -95,6 +105,7 @@ impl Context {
             Arc::clone(&self.cell.geometry),
             Arc::clone(&self.cell.zones),
         )
+        .seeded(self.seeds.clone())
     }
 
     /// Whether people have to approve an activation, whatever it is.

@@ -133,7 +133,8 @@ impl Pipeline {
         baselines: Vec<Capability>,
     ) -> Result<Self, Fault> {
         let PipelineSettings { seed, jobs, profile, table, own, cell, cache, controls } = settings;
-        let context = Context::new(profile, table, own, cell)?;
+        let seeds = cache.seed_key(ledger.store(), clock.is_scripted().then_some(seed))?;
+        let context = Context::new(profile, table, own, cell)?.seeded(seeds);
         let Controls { switch, cancel } = controls;
         let world = LiveWorld::new(context.cell.clone(), switch)?;
         ledger.begin_persons()?;

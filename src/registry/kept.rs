@@ -31,6 +31,9 @@ const CELL: &[u8] = b"holdpoint.kept-cell.v1";
 /// What draws are computed under.
 const DRAW: &[u8] = b"holdpoint.kept-draw.v1";
 
+/// What other secrets are computed under.
+const DERIVED: &[u8] = b"holdpoint.kept-more.v1";
+
 /// Bytes of a code.
 const CODE_BYTES: usize = 32;
 
@@ -84,6 +87,14 @@ impl KeptSecret {
             return Err(StoreError::invalid("key of kept cells", path.display(), allowed));
         }
         Self::of_file(path)
+    }
+
+    /// A secret for something else, that tells nothing of this one.
+    ///
+    /// # Errors
+    /// None that can happen: the code takes a secret of any length.
+    pub fn derived(&self, domain: &str) -> Result<[u8; 32], StoreError> {
+        Ok(self.mac(DERIVED)?.chain_update(domain.as_bytes()).finalize().into_bytes().into())
     }
 
     fn mac(&self, domain: &[u8]) -> Result<Hmac<Sha256>, StoreError> {

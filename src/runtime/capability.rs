@@ -12,7 +12,9 @@ use cap_std::ambient_authority;
 use cap_std::fs::{Dir, OpenOptions, OpenOptionsExt as _};
 use serde_json::Value;
 
+use crate::seeds::BundleSeed;
 use crate::senses::Senses;
+use crate::skill::altered::{self, AlteredBundle};
 use crate::skill::native::{Controller, NativeBundle, NativeError, PARAMS_BYTES_MAX};
 use crate::skill::{Skill, SkillBundle};
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -284,7 +286,9 @@ impl Capability {
                     return Err(PackageError::NoParams { file: manifest_file });
                 };
                 let file = named(name, params.as_str());
-                let controller = Controller::parse(controller, &file, &package.params).map_err(|error| {
+                let (alterations, own) = altered::split(&file, &package.params)?;
+                let params = own.as_deref().unwrap_or(&package.params);
+                let controller = Controller::parse(controller, &file, params).map_err(|error| {
                     let NativeError::UnknownController(name) = error else { return error.into() };
                     let known = Controller::NAMES.map(|name| format!("native:{name}")).join(", ");
                     let (field, value) = ("deployment.bundle", format!("native:{name}"));
@@ -296,8 +300,14 @@ impl Capability {
                         &known,
                     ))
                 })?;
-                NativeBundle::new(controller)
-                    .map_err(|source| PackageError::Canonical { file: file.clone(), source })?
+                let canonical = |source| PackageError::Canonical { file: file.clone(), source };
+                let bundle: Arc<dyn SkillBundle> =
+                    Arc::new(NativeBundle::new(controller).map_err(canonical)?);
+                if alterations.is_empty() {
+                    bundle
+                } else {
+                    Arc::new(AlteredBundle::new(bundle, alterations).map_err(canonical)?)
+                }
             }
             Bundle::Wasm(path) => {
                 return Err(PackageError::NoWasm { file: manifest_file, bundle: path.as_str().to_owned() });
@@ -311,7 +321,7 @@ impl Capability {
         Ok(Self {
             manifest: Arc::new(manifest),
             submission: Arc::new(submission),
-            bundle: Arc::new(bundle),
+            bundle,
             package: Arc::new(package),
             manifest_digest,
             digest,
@@ -337,8 +347,8 @@ impl Capability {
 
     /// Begins a run that senses what the manifest declares and nothing else.
     #[must_use]
-    pub fn start(&self, seed: u64) -> Box<dyn Skill> {
-        Senses::of(&self.manifest.permissions).confine(self.bundle.start(seed))
+    pub fn start(&self, seed: BundleSeed) -> Box<dyn Skill> {
+        Senses::of(&self.manifest.permissions).confine(self.bundle.start(seed.number()))
     }
 
     /// The stop time the version declares for its safe-abort hook, s; what it does not declare is not waited for.

@@ -7,6 +7,7 @@ pub mod guard;
 pub mod limits;
 pub mod meter;
 pub mod recovery;
+pub mod seeds;
 pub mod senses;
 pub mod skill;
 pub mod stress;

@@ -7,6 +7,7 @@
 //! twin world or on the arm, and a bundle in another form (a process, a WebAssembly component)
 //! can stand behind the same two traits.
 
+pub mod altered;
 pub mod native;
 
 use holdpoint_body::{Command, Observation, TaskKind};
@@ -33,7 +34,7 @@ pub trait SkillBundle: Send + Sync {
     /// The primitive the code performs.
     fn task(&self) -> TaskKind;
 
-    /// Begins a run. Equal seeds and equal observations give equal commands.
+    /// Begins a run. Equal seeds and equal observations give equal commands. The seed tells nothing of the episode.
     fn start(&self, seed: u64) -> Box<dyn Skill>;
 }
 

@@ -8,6 +8,7 @@ use super::grant::Grant;
 use super::guard::Guard;
 use super::limits::{Envelope, WatchLimits};
 use super::meter::{TickMeter, Timed};
+use super::seeds::{BundleSeed, SeedKey};
 use super::skill::Skill;
 use super::stress::Stress;
 use super::task::TaskTerms;
@@ -28,6 +29,7 @@ pub struct SkillTerms {
     meter: Option<Arc<TickMeter>>,
     stress: Option<Stress>,
     reviewed: bool,
+    seeds: SeedKey,
     /// How fast a failure has to be named, ticks.
     pub detect_ticks: u64,
 }
@@ -73,16 +75,28 @@ impl SkillTerms {
             ..WatchLimits::default()
         };
         let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
-        let (meter, stress, reviewed) = (None, None, false);
-        Self { table, geometry, zones, envelope, watch, limit_ticks, meter, stress, reviewed, detect_ticks }
+        let (meter, stress, reviewed, seeds) = (None, None, false, SeedKey::of_run(0));
+        Self {
+            table,
+            geometry,
+            zones,
+            envelope,
+            watch,
+            limit_ticks,
+            meter,
+            stress,
+            reviewed,
+            seeds,
+            detect_ticks,
+        }
     }
 
     /// All that they have to do with how a task runs, in a text that differs wherever they differ.
     #[must_use]
     pub fn in_full(&self) -> String {
-        let Self { table, envelope, watch, limit_ticks, stress, reviewed, detect_ticks, .. } = self;
-        let policy = table.digest;
-        format!("{policy}|{envelope:?}|{watch:?}|{limit_ticks}|{stress:?}|{reviewed}|{detect_ticks}")
+        let Self { table, envelope, watch, limit_ticks, stress, reviewed, seeds, detect_ticks, .. } = self;
+        let (policy, seeds) = (table.digest, seeds.name());
+        format!("{policy}|{envelope:?}|{watch:?}|{limit_ticks}|{stress:?}|{reviewed}|{seeds}|{detect_ticks}")
     }
 
     /// The same terms on an arm that real time does not wait for: computing longer than `cpu_us_per_tick` counts.
@@ -140,6 +154,19 @@ impl SkillTerms {
     pub const fn reviewed(mut self) -> Self {
         self.reviewed = true;
         self
+    }
+
+    /// The same terms with bundles' seeds drawn under this key; without one they are a run's of seed 0.
+    #[must_use]
+    pub fn seeded(mut self, seeds: SeedKey) -> Self {
+        self.seeds = seeds;
+        self
+    }
+
+    /// The seed that a bundle is given in an episode.
+    #[must_use]
+    pub fn bundle_seed(&self, episode: u64) -> BundleSeed {
+        self.seeds.seed(episode)
     }
 
     /// A guard for a version: what its manifest declares, within what the policies allow.

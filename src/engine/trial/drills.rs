@@ -288,7 +288,7 @@ impl StartedDrill<'_, '_> {
         }
         let guard = self.terms.guard(&next.manifest.permissions);
         let terms = self.terms.task(self.cast.version.bundle.task(), self.seed, next.abort_secs());
-        let mut run = TaskRun::new(next.start(self.seed), guard, terms);
+        let mut run = TaskRun::new(next.start(self.terms.bundle_seed(self.seed)), guard, terms);
         let mut handle = self.arm.handle();
         loop {
             let stage = run.tick(&mut handle, &mut |_, _| Supervision::Continue)?;

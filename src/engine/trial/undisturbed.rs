@@ -38,7 +38,7 @@ impl TrialCase<'_> {
         let version = self.version;
         let guard = self.terms.guard(&version.manifest.permissions);
         let terms = self.terms.task(version.bundle.task(), self.seed, version.abort_secs());
-        TaskRun::new(version.start(self.seed), guard, terms)
+        TaskRun::new(version.start(self.terms.bundle_seed(self.seed)), guard, terms)
     }
 
     /// Whether the dispatcher would make this call, as the body stands.

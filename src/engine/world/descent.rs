@@ -76,7 +76,7 @@ impl Rig {
         let report = match trip.and_then(|trip| trip.stopped) {
             Some(report) => report,
             None => {
-                let mut skill = leaving.start(0);
+                let mut skill = leaving.start(terms.bundle_seed(now));
                 let mut watcher = Watcher::new(leaving.bundle.task(), *terms.watch());
                 recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, leaving.abort_secs())?
             }
@@ -127,7 +127,7 @@ impl Rig {
         let task = predecessor.bundle.task();
         self.arm_mut().body_mut().world_mut().begin_task(task);
         let mut guard = terms.guard(&predecessor.manifest.permissions);
-        let mut skill = predecessor.start(0);
+        let mut skill = predecessor.start(terms.bundle_seed(self.world().tick()));
         ready(&mut self.arm_mut().handle(), &mut guard, skill.as_mut())
     }
 }

@@ -165,7 +165,7 @@ impl Shadow {
             return;
         }
         let guard = self.terms.guard(&self.candidate.manifest.permissions);
-        let skill = self.candidate.start(seed);
+        let skill = self.candidate.start(self.terms.bundle_seed(seed));
         let task_terms = self.terms.task(self.task(), seed, self.candidate.abort_secs());
         let ran = task::run(&mut twin_arm.handle(), skill, guard, &task_terms, &mut |handle, passed| {
             look(handle.body(), passed);
@@ -242,7 +242,7 @@ impl Listener for Shadow {
         let forked = self.fork.as_mut().and_then(|fork| fork.go_on_from(&world.copy()).ok());
         if forked.is_some() {
             self.refused = admit(&self.candidate.manifest, &Body::telemetry(world)).is_err();
-            self.skill = Some(self.candidate.start(seed));
+            self.skill = Some(self.candidate.start(self.terms.bundle_seed(seed)));
         }
     }
 

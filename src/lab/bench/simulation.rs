@@ -102,7 +102,7 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
         let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
         let arm = worker.arm(cell, &setup)?;
         let guard = terms.guard(&version.manifest.permissions);
-        let skill = version.start(seed);
+        let skill = version.start(terms.bundle_seed(seed));
         let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
         let mut spent = Vec::new();
         let mut before = FigureClock::ThreadCpu.secs();

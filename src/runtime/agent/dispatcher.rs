@@ -114,7 +114,7 @@ impl Agent {
         admit(&capability.manifest, &arm.body().telemetry())?;
         let terms = terms(capability);
         let guard = terms.guard(&capability.manifest.permissions);
-        let skill = terms.timed(capability.start(seed));
+        let skill = terms.timed(capability.start(terms.bundle_seed(seed)));
         let task_terms = terms.task(task, seed, capability.abort_secs());
         self.note_episode();
         let record = task::run(&mut arm.handle(), skill, guard, &task_terms, supervise)?;

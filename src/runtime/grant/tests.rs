@@ -218,7 +218,8 @@ fn who_declares_too_little_loses_its_work() {
         let distribution = holdpoint_sim::distribution::Distribution::canonical().unwrap();
         world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &scene, &distribution, 1)).unwrap();
         let (mut arm, terms) = (Arm::new(world), terms());
-        let (skill, guard) = (version.start(1), terms.guard(&version.manifest.permissions));
+        let (skill, guard) =
+            (version.start(terms.bundle_seed(1)), terms.guard(&version.manifest.permissions));
         let task = terms.task(TaskKind::Grasp, 1, version.abort_secs());
         let record = task::run(&mut arm.handle(), skill, guard, &task, &mut |_, _| Supervision::Continue);
         let record = record.unwrap();
@@ -305,7 +306,7 @@ fn what_comes_with_the_program_declares_what_it_uses() {
             let mut body = world.take().unwrap();
             body.reset(&EpisodeSetup::sample(task, &scene, &distribution, seed)).unwrap();
             let mut arm = Arm::new(body);
-            let (skill, guard) = (version.start(seed), terms.guard(declared));
+            let (skill, guard) = (version.start(terms.bundle_seed(seed)), terms.guard(declared));
             let task = terms.task(task, seed, version.abort_secs());
             let record = task::run(&mut arm.handle(), skill, guard, &task, &mut |_, _| Supervision::Continue);
             used.merge(&record.unwrap().used);

@@ -113,9 +113,9 @@ fn shipped(family: &str, seed: u64) -> (Arm<World>, TaskRun) {
     let task = version.bundle.task();
     world.reset(&EpisodeSetup::sample(task, &scene, &Distribution::canonical().unwrap(), seed)).unwrap();
     let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
-    let guard = terms.guard(&version.manifest.permissions);
+    let (guard, skill) = (terms.guard(&version.manifest.permissions), version.start(terms.bundle_seed(seed)));
     let terms = terms.task(task, seed, version.abort_secs());
-    (Arm::new(world), TaskRun::new(version.start(seed), guard, terms))
+    (Arm::new(world), TaskRun::new(skill, guard, terms))
 }
 
 /// Aborts the task in a tick of it, as a person might; 0 for never.

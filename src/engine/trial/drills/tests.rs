@@ -210,7 +210,7 @@ fn to_the_end(worker: &mut Worker, case: &DrillCase<'_>) -> Option<DrillResult> 
             let admitted = admit(&next.manifest, &arm.body().telemetry()).is_ok();
             let guard = case.terms.guard(&next.manifest.permissions);
             let terms = case.terms.task(task, case.seed, next.abort_secs());
-            let run = TaskRun::new(next.start(case.seed), guard, terms);
+            let run = TaskRun::new(next.start(case.terms.bundle_seed(case.seed)), guard, terms);
             let record = run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue).ok()?;
             let stopped = report.stopped_by != StoppedBy::Nothing && report.violation.is_none();
             let safe = !record.violation && record.hard_stop.is_none() && !record.recovery;

@@ -1,0 +1,184 @@
+use holdpoint_body::{Command, Estimate, GuardVerdict, Observation, Pose, TaskKind};
+
+use super::*;
+use crate::capability::Capability;
+use crate::skill::Hook;
+
+/// Asks to go where the object is seen, closing on it once it is done; says done when told to abort.
+#[derive(Clone, Default)]
+struct Follows {
+    asked: u32,
+    told: bool,
+}
+
+impl Skill for Follows {
+    fn tick(&mut self, seen: &Observation) -> Command {
+        self.asked += 1;
+        if self.told {
+            return Command::Stop;
+        }
+        match (seen.object, self.asked % 2) {
+            (Some(object), 1) => {
+                Command::ToolPose { pose: object.pose, max_speed_m_s: f64::from(self.asked) }
+            }
+            _ => Command::Gripper { width_m: 0.04, speed_m_s: 0.1, force_n: seen.gripper_force_n },
+        }
+    }
+
+    fn enter(&mut self, _: Hook) {
+        self.told = true;
+    }
+
+    fn fork(&self) -> Option<Box<dyn Skill>> {
+        Some(Box::new(self.clone()))
+    }
+}
+
+fn seen() -> Observation {
+    let pose = |x| Pose { position: [x, 0.1, 0.2], ..Pose::IDENTITY };
+    Observation {
+        tick: 0,
+        q: [0.0; 7].into_iter().collect(),
+        dq: [0.0; 7].into_iter().collect(),
+        tau: [0.0; 7].into_iter().collect(),
+        tool: pose(0.4),
+        tool_twist: holdpoint_body::Twist::default(),
+        gripper_width_m: 0.05,
+        gripper_force_n: 3.0,
+        wrist_force_n: 1.0,
+        object: Some(Estimate { pose: pose(0.5), age_ticks: 4, sequence: 1 }),
+        target: None,
+        tool_available: true,
+        goal: TaskKind::Grasp,
+        guard: GuardVerdict::Allowed,
+    }
+}
+
+fn run(alterations: &[Alteration], seed: u64) -> AlteredRun {
+    AlteredRun::new(Box::new(Follows::default()), alterations.to_vec().into(), seed)
+}
+
+/// What is asked for in so many ticks, in short: `p` and the x of a pose and its speed, `g` and the force, or the kind.
+fn asks(run: &mut dyn Skill, ticks: usize) -> Vec<String> {
+    let short = |command| match command {
+        Command::ToolPose { pose, max_speed_m_s } => format!("p{:.2}@{max_speed_m_s}", pose.position[0]),
+        Command::Gripper { force_n, .. } => format!("g{force_n:.1}"),
+        Command::Hold => "hold".to_owned(),
+        Command::Stop => "stop".to_owned(),
+        Command::Done => "done".to_owned(),
+        other => format!("{other:?}"),
+    };
+    (0..ticks).map(|_| short(run.tick(&seen()))).collect()
+}
+
+#[test]
+fn numbers_of_commands_are_altered_where_they_are_and_when_they_are() {
+    let output = |output, factor, offset, when| Alteration::Output { output, factor, offset, when };
+    let far = output(Output::X, 2.0, -0.1, When::After { tick: 1 });
+    assert_eq!(asks(&mut run(&[far], 1), 3), ["p0.50@1", "g3.0", "p0.90@3"]);
+    let firm = output(Output::GripForce, 1.5, 0.0, When::Gripping { above_n: 2.0 });
+    assert_eq!(asks(&mut run(&[firm], 1), 2), ["p0.50@1", "g4.5"]);
+    let idle = output(Output::GripForce, 1.5, 0.0, When::Gripping { above_n: 3.0 });
+    assert_eq!(asks(&mut run(&[idle], 1), 2), ["p0.50@1", "g3.0"]);
+    let flip = Alteration::Flip { output: Output::X, when: When::Every { period: 4, length: 2 } };
+    assert_eq!(asks(&mut run(&[flip], 1), 4), ["p0.30@1", "g3.0", "p0.50@3", "g3.0"]);
+    let coarse = Alteration::Quantise { output: Output::X, step: 0.4 };
+    assert_eq!(asks(&mut run(&[coarse], 1), 1), ["p0.40@1"]);
+    let slow = Alteration::Filter { output: Output::Speed, weight: 0.5 };
+    assert_eq!(asks(&mut run(&[slow], 1), 5), ["p0.50@1", "g3.0", "p0.50@2", "g3.0", "p0.50@3.5"]);
+}
+
+#[test]
+fn time_is_altered() {
+    assert_eq!(asks(&mut run(&[Alteration::Delay { ticks: 2 }], 1), 4), ["hold", "hold", "p0.50@1", "g3.0"]);
+    let wait = Alteration::Wait { from: 1, ticks: 2 };
+    assert_eq!(asks(&mut run(&[wait], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
+    let skip = Alteration::Skip { from: 1, ticks: 2 };
+    assert_eq!(asks(&mut run(&[skip], 1), 4), ["p0.50@1", "hold", "hold", "g3.0"]);
+    let repeat = Alteration::Repeat { from: 0, ticks: 2 };
+    assert_eq!(asks(&mut run(&[repeat], 1), 5), ["p0.50@1", "g3.0", "p0.50@1", "g3.0", "p0.50@3"]);
+    let swap = Alteration::Swap { from: 0, ticks: 1 };
+    assert_eq!(asks(&mut run(&[swap], 1), 4), ["hold", "g3.0", "p0.50@1", "p0.50@3"]);
+    assert_eq!(asks(&mut run(&[Alteration::Finish { tick: 1 }], 1), 3), ["p0.50@1", "done", "p0.50@3"]);
+}
+
+#[test]
+fn what_is_seen_is_altered_for_the_skill_alone() {
+    let deaf = Alteration::Input { input: Input::GripForce, factor: 0.0, offset: 0.0, when: When::Always };
+    let firm = Alteration::Output {
+        output: Output::GripForce,
+        factor: 1.0,
+        offset: 9.0,
+        when: When::Gripping { above_n: 2.0 },
+    };
+    assert_eq!(asks(&mut run(&[deaf, firm], 1), 2), ["p0.50@1", "g9.0"]);
+}
+
+#[test]
+fn a_hook_does_what_is_said_of_it_and_the_other_its_own() {
+    for (deed, expected) in [
+        (Deed::Nothing, ["hold", "hold"]),
+        (Deed::Done, ["done", "done"]),
+        (Deed::WorkOn, ["p0.50@1", "g3.0"]),
+    ] {
+        let alteration = Alteration::Hook { hook: AlteredHook::SafeAbort, deed };
+        let mut aborted = run(&[alteration], 1);
+        aborted.enter(Hook::SafeAbort);
+        assert_eq!(asks(&mut aborted, 2), expected, "{deed:?}");
+        let mut left = run(&[alteration], 1);
+        left.enter(Hook::Rollback);
+        assert_eq!(asks(&mut left, 2), ["stop", "stop"]);
+    }
+}
+
+#[test]
+fn some_runs_are_altered_and_a_copy_goes_on_as_the_run_does() {
+    let rare = Alteration::Output {
+        output: Output::GripForce,
+        factor: 2.0,
+        offset: 0.0,
+        when: When::Runs { share: 0.25, salt: 7 },
+    };
+    let altered = (0..2_000).filter(|seed| asks(&mut run(&[rare], *seed), 2)[1] == "g6.0").count();
+    assert!((430..=570).contains(&altered), "{altered} of 2000 for a share of a quarter");
+    let all = [Alteration::Delay { ticks: 3 }, Alteration::Swap { from: 2, ticks: 2 }, rare];
+    let mut one = run(&all, 3);
+    asks(&mut one, 4);
+    let mut copy = one.fork().unwrap();
+    assert_eq!(asks(&mut one, 9), asks(copy.as_mut(), 9));
+}
+
+fn grasp(more: &str) -> Result<Capability, crate::capability::PackageError> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../manifests/grasp/1.0.0");
+    let mut package = crate::capability::read(&folder)?;
+    package.params.push_str(more);
+    Capability::load("altered", package)
+}
+
+#[test]
+fn a_package_carries_its_alterations() {
+    let (plain, altered) =
+        (grasp("").unwrap(), grasp("[[alteration]]\nkind = \"delay\"\nticks = 12\n").unwrap());
+    assert_ne!(plain.digest(), altered.digest());
+    assert_eq!(plain.bundle.interface(), altered.bundle.interface());
+    let other = grasp("[[alteration]]\nkind = \"delay\"\nticks = 13\n").unwrap();
+    assert_ne!(other.digest(), altered.digest());
+}
+
+#[test]
+fn what_is_wrong_with_an_alteration_is_said() {
+    for (text, expected) in [
+        ("kind = \"delay\"\nticks = 0", "the field \"ticks\" has the value \"0\""),
+        ("kind = \"delay\"\nticks = 70000", "70000"),
+        ("kind = \"explode\"", "unknown variant `explode`"),
+        ("kind = \"flip\"\noutput = \"x\"\nby = 3", "unknown field `by`"),
+        ("kind = \"output\"\noutput = \"x\"\nfactor = nan", "factor"),
+        ("kind = \"flip\"\noutput = \"x\"\nwhen = { is = \"every\", period = 3, length = 4 }", "length"),
+    ] {
+        let error = grasp(&format!("[[alteration]]\n{text}\n")).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.contains("params.toml"), "{text}: {error}");
+    }
+    let many = "[[alteration]]\nkind = \"delay\"\nticks = 1\n".repeat(ALTERATIONS_MAX + 1);
+    let error = grasp(&many).unwrap_err().to_string();
+    assert!(error.contains("at most 8"), "{error}");
+}
