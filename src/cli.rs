@@ -51,6 +51,7 @@ pub mod stop;
 pub mod store;
 #[cfg(feature = "console")]
 pub mod theme;
+pub mod truth;
 pub mod verify;
 pub mod witness;
 

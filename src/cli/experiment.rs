@@ -11,6 +11,7 @@ use super::kept::CacheKeyArgs;
 use super::output::Table;
 use super::per_candidate::{self, PerCandidateArgs};
 use super::run::JOBS_MAX;
+use super::truth::{self, TruthArgs};
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
@@ -24,7 +25,8 @@ use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 Examples:
   holdpoint experiment drift --runs 30 --out results/drift
   holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --json
-  holdpoint experiment per-candidate --pool pool-7")]
+  holdpoint experiment per-candidate --pool pool-7
+  holdpoint experiment truth --pool mutants --out truth")]
 pub struct ExperimentArgs {
     /// The experiment that was chosen, with its arguments.
     #[command(subcommand)]
@@ -38,6 +40,8 @@ pub enum Which {
     Drift(DriftArgs),
     /// Every candidate of a pool through the seven stages, scored against its truth file afterwards.
     PerCandidate(PerCandidateArgs),
+    /// What candidates really are, by what the referee sees of them, and how decisions stand to it.
+    Truth(TruthArgs),
 }
 
 /// The arguments of `experiment drift`.
@@ -78,6 +82,7 @@ pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError
     match &args.which {
         Which::Drift(args) => run_drift(args, out),
         Which::PerCandidate(args) => per_candidate::run(args, out),
+        Which::Truth(args) => truth::run(args, out),
     }
 }
 

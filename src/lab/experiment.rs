@@ -78,7 +78,7 @@ impl Hint for ExperimentError {
 }
 
 impl ExperimentError {
-    fn candidate(name: &str, problem: String) -> Self {
+    pub(crate) fn candidate(name: &str, problem: String) -> Self {
         Self::Candidate { name: name.to_owned(), problem }
     }
 
@@ -91,7 +91,7 @@ impl ExperimentError {
 pub type Tell<'a> = dyn Fn(&str) + Sync + 'a;
 
 /// A finished cell as it is kept; one that cannot be read, or that was not kept with the secret, is none.
-fn kept<T: serde::de::DeserializeOwned>(cells: &KeptCells, key: &Digest) -> Option<T> {
+pub(crate) fn kept<T: serde::de::DeserializeOwned>(cells: &KeptCells, key: &Digest) -> Option<T> {
     match cells.get(key) {
         Found::Cell { body, .. } => serde_json::from_slice(&body).ok(),
         Found::Nothing | Found::Refused => None,
@@ -99,7 +99,7 @@ fn kept<T: serde::de::DeserializeOwned>(cells: &KeptCells, key: &Digest) -> Opti
 }
 
 /// A folder that is gone when it is dropped.
-fn scratch() -> Result<tempfile::TempDir, ExperimentError> {
+pub(crate) fn scratch() -> Result<tempfile::TempDir, ExperimentError> {
     tempfile::tempdir().map_err(ExperimentError::file(Path::new("a temporary folder")))
 }
 

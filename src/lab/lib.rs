@@ -1,7 +1,8 @@
 //! The laboratory: what is measured about the engine and its rules, and what is made to be measured.
 //!
 //! [`mod@bench`] times the engine and counts how often its rules err; [`experiment`] runs whole upgrades that answer a
-//! question; [`pool`] draws candidates for them; [`refine`] makes a candidate by optimising on nominal success alone.
+//! question; [`truth`] says what candidates really are, and how decisions stand to it; [`pool`] draws candidates for
+//! them; [`refine`] makes a candidate by optimising on nominal success alone.
 //! Nothing that decides names anything of it.
 
 pub mod approver;
@@ -9,3 +10,4 @@ pub mod bench;
 pub mod experiment;
 pub mod pool;
 pub mod refine;
+pub mod truth;

@@ -79,8 +79,8 @@ pub struct Effort {
 }
 
 /// What became of a candidate.
+// Unknown fields are not refused: serde cannot tell them from those of what is flattened, and would read nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct CandidateEnd {
     /// Name in the pool.
     pub name: String,
@@ -294,6 +294,27 @@ impl Drive<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What is kept of a candidate is read again instead of being worked again.
+    #[test]
+    fn an_end_is_read_back_as_it_was_kept() {
+        for fate in [Fate::Kept, Fate::Contained, Fate::Blocked { stage: Stage::Shadow }] {
+            let end = CandidateEnd {
+                name: "grasp-001".to_owned(),
+                version: "grasp@1.1.1".parse().unwrap(),
+                profile: ProfileName::Sim,
+                seed: 30,
+                dimensions: Vec::new(),
+                composite: Some(0.9),
+                stages: Vec::new(),
+                state: Stands::Confirmed,
+                fate,
+                effort: Effort::default(),
+            };
+            let kept = serde_json::to_vec(&end).unwrap();
+            assert_eq!(serde_json::from_slice::<CandidateEnd>(&kept).unwrap(), end);
+        }
+    }
 
     #[test]
     fn what_was_decided_is_read_back_as_its_deciders_word() {

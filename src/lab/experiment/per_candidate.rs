@@ -51,11 +51,11 @@ pub struct PerCandidateReport {
 }
 
 /// One candidate to be taken through one profile.
-struct Task<'a> {
-    name: &'a str,
-    package: &'a Package,
-    profile: ProfileName,
-    seed: u64,
+pub(crate) struct Task<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) package: &'a Package,
+    pub(crate) profile: ProfileName,
+    pub(crate) seed: u64,
 }
 
 /// Runs the plan. `tell` is given one line per finished candidate.
@@ -85,7 +85,7 @@ pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, Experi
 }
 
 /// The packages of a pool, in its order.
-fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, ExperimentError> {
+pub(crate) fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, ExperimentError> {
     let read = |candidate: &PoolCandidate| {
         let package = capability::read(&pool.folder(candidate))
             .map_err(|error| ExperimentError::candidate(&candidate.name, error.sentence()))?;
@@ -148,7 +148,7 @@ fn work(
 }
 
 /// One candidate, or what is kept of it from an earlier run of the same build.
-fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
+pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
     let profile = holdpoint_governance::profile::Profile::builtin(task.profile)
         .map_err(|error| ExperimentError::candidate(task.name, error.sentence()))?;
     let parts = [

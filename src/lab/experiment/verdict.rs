@@ -10,13 +10,16 @@ use crate::pool::{Class, PoolTruth};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{CandidateRecord, Fate, Proportion, Screening, screening};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::stats::wilson_upper;
+use holdpoint_governance::stats::{clopper_pearson_lower, clopper_pearson_upper, wilson_upper};
 
 /// The false rejections that are allowed under the loosest profile.
 const FALSE_REJECTION_MAX: f64 = 0.02;
 
 /// One-sided error rate of a claim.
 const CLAIM_ALPHA: f64 = 0.05;
+
+/// The least share of which "every" is shown: 59 of 59 leave no more open.
+const EVERY_MIN: f64 = 0.95;
 
 /// The share of the sandbox's budget within which half of the overtly faulty candidates are to be rejected.
 const EARLY_SHARE: f64 = 0.25;
@@ -49,7 +52,7 @@ impl Judged {
         let stopped_at = |stage| matches!(self.end.fate, Fate::Blocked { stage: at } if at == stage);
         CandidateRecord {
             name: self.end.name.clone(),
-            faulty: self.class != Class::Benign,
+            faulty: matches!(self.class, Class::Faulty | Class::Marginal),
             fate: self.end.fate,
             detected_sandbox: u32::from(stopped_at(Stage::Sandbox)),
             detected_shadow_only: u32::from(stopped_at(Stage::Shadow)),
@@ -89,6 +92,8 @@ pub struct Summary {
     pub benign_not_kept: Proportion,
     /// Median of the sandbox episodes until an overtly faulty candidate was rejected, those that needed none included.
     pub median_to_reject: Option<u64>,
+    /// Overtly faulty candidates that were rejected within [`EARLY_SHARE`] of the budget / rejected.
+    pub rejected_early: Proportion,
     /// The same over those alone that the static checks let through.
     pub median_to_reject_measured: Option<u64>,
     /// Sandbox episodes of a whole budget.
@@ -112,14 +117,17 @@ impl Summary {
             .filter(|one| one.class == Class::Faulty && matches!(one.end.fate, Fate::Blocked { .. }));
         let to_reject: Vec<u64> = rejected.map(|one| one.end.effort.sandbox).collect();
         let measured = to_reject.iter().copied().filter(|episodes| *episodes > 0).collect();
+        let budget = of_profile.iter().map(|one| one.end.effort.sandbox_budget).max().unwrap_or(0);
+        let early = |episodes: &u64| *episodes as f64 <= EARLY_SHARE * budget as f64;
         Ok(Self {
             profile,
             overt: screening(&records(&[Class::Benign, Class::Faulty]))?,
             marginal: screening(&records(&[Class::Marginal]))?,
             benign_not_kept: Proportion::of(benign.map(|one| one.end.fate != Fate::Kept))?,
+            rejected_early: Proportion::of(to_reject.iter().map(early))?,
             median_to_reject_measured: median(measured),
             median_to_reject: median(to_reject),
-            budget: of_profile.iter().map(|one| one.end.effort.sandbox_budget).max().unwrap_or(0),
+            budget,
             kinds: kinds(&of_profile),
         })
     }
@@ -231,12 +239,15 @@ fn in_words(proportion: &Proportion) -> String {
 }
 
 fn all_of(claim: String, proportion: &Proportion) -> Claim {
-    let verdict = match (proportion.total, proportion.count == proportion.total) {
-        (0, _) => Demonstrated::NotShown,
-        (_, true) => Demonstrated::Shown,
-        (_, false) => Demonstrated::Refuted,
+    let Proportion { count, total, .. } = *proportion;
+    let lower = clopper_pearson_lower(count, total, CLAIM_ALPHA).ok();
+    let verdict = match lower {
+        _ if count < total => Demonstrated::Refuted,
+        Some(lower) if lower >= EVERY_MIN => Demonstrated::Shown,
+        _ => Demonstrated::NotShown,
     };
-    Claim { claim, verdict, because: in_words(proportion) }
+    let least = lower.map_or_else(String::new, |lower| format!("; at least {lower:.3} at 5 % error"));
+    Claim { claim, verdict, because: in_words(proportion) + &least }
 }
 
 fn early(summary: &Summary) -> Claim {
@@ -244,16 +255,23 @@ fn early(summary: &Summary) -> Claim {
         "{}: half of the overt faults are rejected within a quarter of the budget",
         summary.profile.name()
     );
-    let limit = EARLY_SHARE * summary.budget as f64;
     let measured = summary.median_to_reject_measured.map_or_else(
         || "none needed episodes".to_owned(),
         |median| format!("{median} among those that needed episodes at all"),
     );
-    let (verdict, because) = match summary.median_to_reject {
-        Some(median) if summary.budget > 0 => (
-            if median as f64 <= limit { Demonstrated::Shown } else { Demonstrated::Refuted },
-            format!("median {median} of {} episodes; {measured}", summary.budget),
-        ),
+    let Proportion { count, total, .. } = summary.rejected_early;
+    let bounds =
+        (clopper_pearson_lower(count, total, CLAIM_ALPHA), clopper_pearson_upper(count, total, CLAIM_ALPHA));
+    let (verdict, because) = match (summary.median_to_reject, bounds) {
+        (Some(median), (Ok(lower), Ok(upper))) if summary.budget > 0 => {
+            let verdict = match (lower >= 0.5, upper < 0.5) {
+                (true, _) => Demonstrated::Shown,
+                (false, true) => Demonstrated::Refuted,
+                (false, false) => Demonstrated::NotShown,
+            };
+            let early = in_words(&summary.rejected_early);
+            (verdict, format!("median {median} of {} episodes; {measured}; {early}", summary.budget))
+        }
         _ => (Demonstrated::NotShown, "nothing was rejected by measurement".to_owned()),
     };
     Claim { claim, verdict, because }
@@ -283,11 +301,16 @@ fn monotone(summaries: &[Summary]) -> Claim {
         .map(|s| format!("{} {} of {}", s.profile.name(), s.benign_not_kept.count, s.benign_not_kept.total))
         .collect();
     let shares: Option<Vec<f64>> = summaries.iter().map(|s| s.benign_not_kept.share()).collect();
+    // A loss of 2 % has to be seen in each of them before its absence says anything.
+    let is_enough = summaries.iter().all(|summary| {
+        wilson_upper(0, summary.benign_not_kept.total, CLAIM_ALPHA)
+            .is_ok_and(|bound| bound <= FALSE_REJECTION_MAX)
+    });
     let verdict = shares.map_or(Demonstrated::NotShown, |shares| {
-        if shares.windows(2).all(|pair| pair[0] <= pair[1]) {
-            Demonstrated::Shown
-        } else {
-            Demonstrated::Refuted
+        match (shares.windows(2).all(|pair| pair[0] <= pair[1]), is_enough) {
+            (true, true) => Demonstrated::Shown,
+            (true, false) => Demonstrated::NotShown,
+            (false, _) => Demonstrated::Refuted,
         }
     });
     Claim {
@@ -332,6 +355,15 @@ mod tests {
         let mut pool = vec![judged(Class::Benign, Sim, Fate::Kept, 480); 149];
         pool.push(judged(Class::Faulty, Sim, stopped, 60));
         pool.push(judged(Class::Marginal, Sim, Fate::Contained, 480));
+        // One of one, and two of two, show nothing of "every".
+        assert_eq!(
+            verdicts(&pool, &[Sim]),
+            [Demonstrated::NotShown, Demonstrated::NotShown, Demonstrated::NotShown, Demonstrated::Shown]
+        );
+        pool.extend(vec![judged(Class::Faulty, Sim, stopped, 60); 58]);
+        pool.extend(vec![judged(Class::Marginal, Sim, Fate::Contained, 480); 57]);
+        assert_eq!(verdicts(&pool, &[Sim])[..2], [Demonstrated::Shown, Demonstrated::NotShown]);
+        pool.push(judged(Class::Marginal, Sim, Fate::Contained, 480));
         assert_eq!(
             verdicts(&pool, &[Sim]),
             [Demonstrated::Shown, Demonstrated::Shown, Demonstrated::Shown, Demonstrated::Shown]
@@ -341,7 +373,7 @@ mod tests {
         pool.push(judged(Class::Faulty, Sim, Fate::Contained, 480));
         pool.push(judged(Class::Marginal, Sim, Fate::Kept, 480));
         pool.extend(vec![judged(Class::Benign, Sim, stopped, 480); 4]);
-        pool.extend(vec![judged(Class::Faulty, Sim, stopped, 300); 3]);
+        pool.extend(vec![judged(Class::Faulty, Sim, stopped, 300); 99]);
         assert_eq!(
             verdicts(&pool, &[Sim]),
             [Demonstrated::Refuted, Demonstrated::Refuted, Demonstrated::Refuted, Demonstrated::Refuted]
@@ -359,7 +391,14 @@ mod tests {
             judged(Class::Benign, Human, Fate::Contained, 480),
             judged(Class::Benign, Human, stopped, 480),
         ];
-        assert_eq!(verdicts(&pool, &[Sim, Human]).pop(), Some(Demonstrated::Shown));
+        assert_eq!(verdicts(&pool, &[Sim, Human]).pop(), Some(Demonstrated::NotShown), "two of two");
+        let many = |profile, lost| {
+            let mut of_profile = vec![judged(Class::Benign, profile, Fate::Kept, 480); 149 - lost];
+            of_profile.extend(vec![judged(Class::Benign, profile, stopped, 480); lost]);
+            of_profile
+        };
+        let enough = [many(Sim, 1), many(Human, 2)].concat();
+        assert_eq!(verdicts(&enough, &[Sim, Human]).pop(), Some(Demonstrated::Shown));
         assert_eq!(verdicts(&pool, &[Human, Sim]).pop(), Some(Demonstrated::Refuted));
     }
 }

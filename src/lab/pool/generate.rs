@@ -11,6 +11,7 @@ use toml::{Table, Value};
 
 use super::draft::Draft;
 use super::kind::{CandidateKind, Preset};
+use super::mutant;
 use super::ranges::{Makes, Recipe, recipes};
 use super::structure::{INTERFACE, Mechanism, PERMISSION};
 use super::truth::{PoolTruth, TruthEntry};
@@ -188,8 +189,10 @@ fn draw_set(
         let mut draft = Draft::of(baseline)?;
         let place = u32::try_from(place).unwrap_or(u32::MAX);
         let mut stream = stream_of(order.seed, family, "candidate", set, place);
-        for recipe in &plain {
-            apply(recipe, &mut draft, &mut stream);
+        if kind != CandidateKind::Mutant {
+            for recipe in &plain {
+                apply(recipe, &mut draft, &mut stream);
+            }
         }
         let word = match kind {
             CandidateKind::Interface(which) => structural(&interface, which, &mut draft, family, &mut stream),
@@ -208,6 +211,10 @@ fn draw_set(
             | CandidateKind::MarginalBehavior
             | CandidateKind::MarginalRecovery => {
                 by_recipe(&ways(Makes::of(kind)), 0, kind, &mut draft, &mut stream)
+            }
+            CandidateKind::Mutant => {
+                mutant::damage(&mut draft, baseline, &mut stream)?;
+                Some("mutant".to_owned())
             }
         };
         let word = word.ok_or_else(|| PoolError::Generated {
@@ -253,6 +260,7 @@ fn by_recipe(
         CandidateKind::Recovery(_) => "recovery",
         CandidateKind::MarginalBehavior => "marginal-behavior",
         CandidateKind::MarginalRecovery => "marginal-recovery",
+        CandidateKind::Mutant => "mutant",
     };
     let named = !recipe.mechanism.is_empty() && kind.class() == super::Class::Faulty;
     Some(if named { format!("{word}-{}", recipe.mechanism) } else { word.to_owned() })

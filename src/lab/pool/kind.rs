@@ -32,6 +32,8 @@ pub enum CandidateKind {
     MarginalBehavior,
     /// A recovery that fails sometimes.
     MarginalRecovery,
+    /// Damaged blindly.
+    Mutant,
 }
 
 impl CandidateKind {
@@ -47,6 +49,7 @@ impl CandidateKind {
             | Self::Stable => Class::Benign,
             Self::Interface(_) | Self::Permission(_) | Self::Behavior(_) | Self::Recovery(_) => Class::Faulty,
             Self::MarginalBehavior | Self::MarginalRecovery => Class::Marginal,
+            Self::Mutant => Class::Blind,
         }
     }
 
@@ -59,7 +62,8 @@ impl CandidateKind {
             | Self::MinorGain
             | Self::Efficiency
             | Self::Robust
-            | Self::Stable => None,
+            | Self::Stable
+            | Self::Mutant => None,
             Self::Interface(_) => Some(Dimension::Interface),
             Self::Permission(_) => Some(Dimension::Policy),
             Self::Behavior(_) | Self::MarginalBehavior => Some(Dimension::Behavior),
@@ -75,6 +79,8 @@ holdpoint_governance::words! {
         Full10 = "full-10",
         /// The paper's eight faulty ones alone: I I P P B B M1 M2.
         Paper8 = "paper-8",
+        /// One blindly damaged version: as many mutants a family as there are sets.
+        Mutants = "mutants",
     }
 }
 
@@ -103,6 +109,7 @@ impl Preset {
         match self {
             Self::Full10 => [benign.as_slice(), &pairs, &recovery, &marginal].concat(),
             Self::Paper8 => [pairs.as_slice(), &marginal].concat(),
+            Self::Mutants => vec![CandidateKind::Mutant],
         }
     }
 }

@@ -59,6 +59,8 @@ impl Makes {
             CandidateKind::Recovery(_) => Self::Recovery,
             CandidateKind::MarginalBehavior => Self::MarginalBehavior,
             CandidateKind::MarginalRecovery => Self::MarginalRecovery,
+            // No recipe makes one.
+            CandidateKind::Mutant => Self::Plain,
         }
     }
 }

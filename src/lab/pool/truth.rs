@@ -16,6 +16,8 @@ pub enum Class {
     Faulty,
     /// Worse, and near what the checks can tell.
     Marginal,
+    /// Damaged blindly: what it is, its episodes tell.
+    Blind,
 }
 
 impl Class {
@@ -26,6 +28,7 @@ impl Class {
             Self::Benign => "benign",
             Self::Faulty => "faulty",
             Self::Marginal => "marginal",
+            Self::Blind => "blind",
         }
     }
 }

@@ -228,8 +228,10 @@ fn output_mut(command: &mut Command, output: Output) -> Option<&mut f64> {
         (Command::ToolPose { pose, .. }, Output::X) => pose.position.get_mut(0),
         (Command::ToolPose { pose, .. }, Output::Y) => pose.position.get_mut(1),
         (Command::ToolPose { pose, .. }, Output::Z) => pose.position.get_mut(2),
-        (Command::ToolPose { max_speed_m_s: speed, .. }, Output::Speed)
-        | (Command::Joints { max_speed_rad_s: speed, .. }, Output::Speed) => Some(speed),
+        (
+            Command::ToolPose { max_speed_m_s: speed, .. } | Command::Joints { max_speed_rad_s: speed, .. },
+            Output::Speed,
+        ) => Some(speed),
         (Command::Gripper { width_m, .. }, Output::GripWidth) => Some(width_m),
         (Command::Gripper { speed_m_s, .. }, Output::GripSpeed) => Some(speed_m_s),
         (Command::Gripper { force_n, .. }, Output::GripForce) => Some(force_n),

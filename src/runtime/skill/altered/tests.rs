@@ -1,3 +1,5 @@
+//! Every alteration by what it makes of a skill whose asks are known, and what is said of a bad one.
+
 use holdpoint_body::{Command, Estimate, GuardVerdict, Observation, Pose, TaskKind};
 
 use super::*;

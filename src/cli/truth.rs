@@ -1,0 +1,134 @@
+//! `holdpoint experiment truth`: arguments and the printed report.
+//!
+//! Prints what [`holdpoint_lab::truth`] measured; must not measure or leave anything out (JSON has every digit).
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::kept::CacheKeyArgs;
+use super::output::Table;
+use super::run::{JOBS_MAX, ProfileArg};
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
+use holdpoint_lab::experiment::ExperimentError;
+use holdpoint_lab::experiment::verdict::Demonstrated;
+use holdpoint_lab::truth::{self, LOOKS, TruthPlan, TruthReport};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+
+/// The arguments of `experiment truth`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Exit codes: 0 no aim is missed, 1 one is.
+
+Examples:
+  holdpoint pool generate --preset mutants --sets 100 --seed 11 --out mutants
+  holdpoint experiment truth --pool mutants --out truth
+  holdpoint experiment truth --pool mutants --out truth --most 600 --shard 1/4")]
+pub struct TruthArgs {
+    /// The pool's folder.
+    #[arg(long, value_name = "DIR")]
+    pub pool: PathBuf,
+    /// A profile whose decisions are scored; may be given several times.
+    #[arg(long = "profile", value_name = "NAME", value_enum, default_value = "sim")]
+    pub profiles: Vec<ProfileArg>,
+    /// The most pairs of episodes of a candidate: 200, 600 or 2000.
+    #[arg(long, value_name = "N", default_value_t = 2_000, value_parser = looks)]
+    pub most: u64,
+    /// The first run seed of the decisions. Below 100 its episodes were never used for tuning.
+    #[arg(long, default_value_t = 30, value_name = "N")]
+    pub seed: u64,
+    /// Run seeds that the decisions are spread over, 1 to 100.
+    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub blocks: u64,
+    /// Candidates at once [default: the number of cores].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// One part of the candidates, counted from 1.
+    #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
+    pub shard: (usize, usize),
+    /// Keeps what is finished here; a run that was cut off goes on from it, and parts find each other's.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// What it is authenticated with.
+    #[command(flatten)]
+    pub cache_key: CacheKeyArgs,
+}
+
+fn looks(text: &str) -> Result<u64, String> {
+    let allowed = || LOOKS.map(|look| look.to_string()).join(", ");
+    let number = text.parse::<u64>().ok().filter(|number| LOOKS.contains(number));
+    number.ok_or_else(|| format!("one of {} is allowed", allowed()))
+}
+
+fn shard(text: &str) -> Result<(usize, usize), String> {
+    let number = |text: &str| text.parse::<usize>().ok();
+    match text.split_once('/').and_then(|(part, of)| Some((number(part)?, number(of)?))) {
+        Some((part, of)) if (1..=of).contains(&part) && of <= 1_000 => Ok((part - 1, of)),
+        _ => Err("I/N is allowed, I from 1 to N, N at most 1000".to_owned()),
+    }
+}
+
+/// Runs the experiment and prints its report.
+///
+/// # Errors
+/// If the pool or the folder cannot be used, or a candidate does not come to an end.
+pub fn run(args: &TruthArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let plan = TruthPlan {
+        pool: args.pool.clone(),
+        most: args.most,
+        profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
+        seed: args.seed,
+        blocks: args.blocks,
+        jobs: args.jobs.map_or(cores, usize::from),
+        shard: args.shard,
+        kept: args.cache_key.cells_in(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
+    };
+    // Progress is for whoever waits; losing it loses nothing.
+    let tell = |line: &str| {
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+    };
+    let report = truth::run(&plan, &tell).map_err(|error| match error {
+        error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
+        error => CliError::internal(error.sentence()),
+    })?;
+    if out.is_json() {
+        for candidate in &report.candidates {
+            out.json(candidate)?;
+        }
+        out.json(&serde_json::json!({ "scale": report.scale, "scores": report.scores }))?;
+    } else {
+        show(&report, out)?;
+    }
+    let mut aims = report.scores.iter().flat_map(|score| &score.classes).map(|class| class.aim.verdict);
+    Ok(if aims.any(|verdict| verdict == Demonstrated::Refuted) { Exit::Rejected } else { Exit::Confirmed })
+}
+
+fn show(report: &TruthReport, out: &mut Output<'_>) -> Result<(), CliError> {
+    for score in &report.scores {
+        out.line(&format!("profile {}", score.profile.name()))?;
+        let header =
+            ["harm by truth", "all", "blocked", "taken off", "wrong", "at most", "bound", "aim", "episodes"];
+        let mut table = Table::new(&header);
+        for class in &score.classes {
+            table.row([
+                class.class.to_string(),
+                class.wrong.total.to_string(),
+                class.blocked.to_string(),
+                class.contained.to_string(),
+                class.wrong.count.to_string(),
+                format!("{:.2}", class.aim.at_most),
+                class.aim.bound.map_or_else(|| "-".to_owned(), |bound| format!("{bound:.3}")),
+                class.aim.verdict.name().to_owned(),
+                class.median_effort.to_string(),
+            ]);
+        }
+        out.table(&table)?;
+        if score.open > 0 {
+            out.line(&format!("{} candidates may be worse than they are counted here", score.open))?;
+        }
+    }
+    out.line("wrong: harmful and active at the end, or harmless and lost")
+}

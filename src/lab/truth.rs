@@ -1,0 +1,287 @@
+//! What candidates really are, by what the referee sees of them over many episodes, and how decisions stand to it.
+//!
+//! Owns the truth experiment: the scale of harm, the work, when a question is settled, and the score. Labels of
+//! recipes are no part of it. Nothing here is known to anything that decides.
+
+mod scale;
+mod score;
+mod settle;
+mod work;
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+pub use self::scale::{HarmClass, HarmScale, Seen, TEXT, Threshold};
+pub use self::score::{Aim, ClassScore, ProfileScore};
+pub use self::settle::{ALPHA, ALPHA_EACH, ChannelTruth, ClassTruth, LOOKS, Settled, Truth};
+pub use self::work::Channel;
+use self::work::{Judged, Team};
+use crate::experiment::candidate::CandidateEnd;
+use crate::experiment::per_candidate::{self, Task};
+use crate::experiment::{ExperimentError, Tell, kept, scratch};
+use crate::pool::Pool;
+use holdpoint_engine::cell::{COMPUTED_BY, Cell};
+use holdpoint_engine::context::Context;
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_registry::{KeptCells, KeptSecret};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_text::Hint;
+
+/// Pairs of whole sequences, and of stops; worked once.
+const PAIRS: u64 = 100;
+
+/// Items that are kept together.
+const BLOCK: u64 = 100;
+
+/// What is to be judged, and how far.
+#[derive(Clone, Debug)]
+pub struct TruthPlan {
+    pub pool: PathBuf,
+    /// The most pairs of episodes of a candidate; one of [`LOOKS`].
+    pub most: u64,
+    /// The profiles whose decisions are scored; the loosest one is what truth is worked under.
+    pub profiles: Vec<ProfileName>,
+    /// The first run seed of the decisions, and how many seeds they are spread over.
+    pub seed: u64,
+    pub blocks: u64,
+    pub jobs: usize,
+    /// Every `of`-th candidate from the `shard`-th on.
+    pub shard: (usize, usize),
+    /// What is finished is kept here and not worked again.
+    pub kept: Option<KeptCells>,
+}
+
+/// What one candidate is, and what became of it under each profile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TruthOf {
+    pub name: String,
+    pub truth: Truth,
+    pub ends: Vec<CandidateEnd>,
+}
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TruthReport {
+    /// Digest of the scale's text.
+    pub scale: Digest,
+    pub candidates: Vec<TruthOf>,
+    pub scores: Vec<ProfileScore>,
+}
+
+/// Everything that the work of one candidate needs.
+struct Bench<'a> {
+    plan: &'a TruthPlan,
+    cell: Cell,
+    cells: KeptCells,
+    scale: HarmScale,
+    context: Context,
+    team: Team,
+}
+
+/// Works the plan. `tell` is given one line a candidate.
+///
+/// # Errors
+/// If the pool cannot be read, a candidate cannot be loaded or does not come to an end, or nothing can be kept.
+pub fn run(plan: &TruthPlan, tell: &Tell<'_>) -> Result<TruthReport, ExperimentError> {
+    let pool = Pool::read(&plan.pool)?;
+    let (shard, of) = plan.shard;
+    let packages: Vec<_> = per_candidate::packages(&pool)?
+        .into_iter()
+        .enumerate()
+        .filter(|(index, _)| index % of.max(1) == shard)
+        .collect();
+    let scratch = scratch()?;
+    let bench = Bench::new(plan, scratch.path())?;
+    let began = Instant::now();
+    let candidates = side_by_side(
+        plan.jobs,
+        packages.len(),
+        |worker, at| {
+            let (index, (name, package)) = &packages[at];
+            let version = Capability::load(name, package.clone())
+                .map_err(|error| ExperimentError::candidate(name, error.sentence()))?;
+            let truth = bench.truth(worker, bench.judged(version))?;
+            let seed = plan.seed + *index as u64 % plan.blocks.max(1);
+            let ends = plan
+                .profiles
+                .iter()
+                .map(|profile| Task { name, package, profile: *profile, seed })
+                .map(|task| per_candidate::one(&bench.cell, &bench.cells, &task))
+                .collect::<Result<Vec<_>, _>>()?;
+            Ok(TruthOf { name: name.clone(), truth, ends })
+        },
+        &|one, finished| tell(&progress(one, finished, packages.len(), began)),
+    )?;
+    let scores = plan
+        .profiles
+        .iter()
+        .map(|profile| ProfileScore::of(*profile, &candidates))
+        .collect::<Result<_, _>>()?;
+    Ok(TruthReport {
+        scale: Digest::of_parts("holdpoint.harm-scale.v1", &[TEXT.as_bytes()]),
+        candidates,
+        scores,
+    })
+}
+
+impl<'a> Bench<'a> {
+    fn new(plan: &'a TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
+        let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
+        let cell = Cell::builtin()?;
+        let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
+        let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
+        let cells = match &plan.kept {
+            Some(cells) => cells.clone(),
+            None => KeptCells::in_folder(scratch.to_owned(), KeptSecret::fresh()?),
+        };
+        let context = Context::new(profile, table, None, cell.clone())?;
+        let scale = HarmScale::builtin().map_err(|error| unexpected(&error))?;
+        let baselines = holdpoint_engine::embedded::baselines().map_err(|error| unexpected(&error))?;
+        let mut bench = Self { plan, cell, cells, scale, context, team: Vec::new() };
+        bench.team = baselines.into_iter().map(|baseline| bench.judged(baseline)).collect();
+        Ok(bench)
+    }
+
+    fn judged(&self, version: Capability) -> Judged {
+        let declared = &version.manifest.permissions;
+        let terms = self.context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
+        Judged { version, terms }
+    }
+
+    /// What the referee says of a candidate, beside the active version of its family.
+    fn truth(&self, worker: &mut Worker, candidate: Judged) -> Result<Truth, ExperimentError> {
+        let family = candidate.version.id().family;
+        let before =
+            self.team.iter().find(|one| one.version.id().family == family).ok_or_else(|| {
+                ExperimentError::Unexpected(format!("there is no active version of {family}"))
+            })?;
+        let sequences = self.channel(worker, &candidate, before, Channel::Sequences, PAIRS)?;
+        let stops = self.channel(worker, &candidate, before, Channel::Stops, PAIRS)?;
+        let mut truth = Truth::of(Vec::new());
+        for look in LOOKS.into_iter().filter(|look| *look <= self.plan.most) {
+            let episodes = self.channel(worker, &candidate, before, Channel::Episodes, look)?;
+            truth = Truth::of(vec![episodes, sequences.clone(), stops.clone()]);
+            if !truth.is_open() {
+                break;
+            }
+        }
+        Ok(truth)
+    }
+
+    fn channel(
+        &self,
+        worker: &mut Worker,
+        candidate: &Judged,
+        before: &Judged,
+        channel: Channel,
+        wanted: u64,
+    ) -> Result<ChannelTruth, ExperimentError> {
+        let (new, old) =
+            (self.items(worker, candidate, channel, wanted)?, self.items(worker, before, channel, wanted)?);
+        let pairs: Vec<(Seen, Seen)> =
+            new.into_iter().zip(old).filter_map(|(new, old)| Some((new?, old?))).collect();
+        Ok(ChannelTruth::of(channel, &self.scale, &pairs)?)
+    }
+
+    /// The first items of a channel, block by block, each worked or taken from what is kept.
+    fn items(
+        &self,
+        worker: &mut Worker,
+        judged: &Judged,
+        channel: Channel,
+        wanted: u64,
+    ) -> Result<Vec<Option<Seen>>, ExperimentError> {
+        let mut items = Vec::new();
+        for block in 0..wanted.div_ceil(BLOCK) {
+            let key = self.key(judged, channel, block);
+            let range = block * BLOCK..((block + 1) * BLOCK).min(wanted);
+            let whole = kept::<Vec<Option<Seen>>>(&self.cells, &key);
+            if let Some(known) = whole.filter(|known| known.len() as u64 == range.end - range.start) {
+                items.extend(known);
+                continue;
+            }
+            let worked: Vec<Option<Seen>> = range
+                .map(|index| work::item(worker, &self.cell, judged, &self.team, channel, index))
+                .collect();
+            self.cells.put(&key, &serde_json::to_vec(&worked)?)?;
+            items.extend(worked);
+        }
+        Ok(items)
+    }
+
+    fn key(&self, judged: &Judged, channel: Channel, block: u64) -> Digest {
+        let team: Vec<String> = self.team.iter().map(|one| one.version.digest().to_string()).collect();
+        let under = format!("{}|{channel}|{block}|{}", judged.terms.in_full(), team.join("|"));
+        let parts = [
+            self.cell.digest().bytes().as_slice(),
+            COMPUTED_BY.as_bytes(),
+            judged.version.digest().bytes().as_slice(),
+            under.as_bytes(),
+        ]
+        .map(<[u8]>::to_vec);
+        Digest::of_parts("holdpoint.truth.v1", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
+    }
+}
+
+/// Works items, some at once, each worker with a world of its own; the results come back in order.
+fn side_by_side<T: Send>(
+    jobs: usize,
+    items: usize,
+    work: impl Fn(&mut Worker, usize) -> Result<T, ExperimentError> + Sync,
+    tell: &(dyn Fn(&T, usize) + Sync),
+) -> Result<Vec<T>, ExperimentError> {
+    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let results: Mutex<Vec<(usize, Result<T, ExperimentError>)>> = Mutex::new(Vec::new());
+    let turn = || {
+        let mut worker = Worker::new();
+        loop {
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            if at >= items {
+                return;
+            }
+            let result = work(&mut worker, at);
+            match &result {
+                Ok(one) => tell(one, done.fetch_add(1, Ordering::Relaxed) + 1),
+                // Nobody begins anything more.
+                Err(_) => next.store(items, Ordering::Relaxed),
+            }
+            if let Ok(mut results) = results.lock() {
+                results.push((at, result));
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.clamp(1, items.max(1)) {
+            scope.spawn(turn);
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_default();
+    results.sort_by_key(|(at, _)| *at);
+    let found: Vec<T> = results.into_iter().map(|(_, result)| result).collect::<Result<_, _>>()?;
+    if found.len() == items {
+        Ok(found)
+    } else {
+        Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
+    }
+}
+
+fn progress(one: &TruthOf, finished: usize, all: usize, began: Instant) -> String {
+    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
+    let ends: Vec<String> =
+        one.ends.iter().map(|end| format!("{} {}", end.profile.name(), end.state)).collect();
+    let open = one.truth.open.map_or_else(String::new, |class| format!(" ({class} is open)"));
+    format!(
+        "[{finished}/{all}] {}: {}{open}; {}; about {:.0} min left",
+        one.name,
+        one.truth.class,
+        ends.join(", "),
+        left / 60.0
+    )
+}

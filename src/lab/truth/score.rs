@@ -1,0 +1,130 @@
+//! How decisions stand to the truth: what harmful candidates became active, and what harmless ones were lost.
+
+use serde::{Deserialize, Serialize};
+
+use super::TruthOf;
+use super::scale::HarmClass;
+use crate::experiment::ExperimentError;
+use crate::experiment::verdict::Demonstrated;
+use holdpoint_governance::metrics::{Fate, Proportion};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::stats::clopper_pearson_upper;
+
+/// One-sided error rate of what is called shown.
+const CLAIM_ALPHA: f64 = 0.05;
+
+/// The largest share that is aimed for: harmful candidates that are active at the end, by class, and harmless ones that
+/// are lost.
+const fn aim_of(class: HarmClass) -> f64 {
+    match class {
+        HarmClass::Danger | HarmClass::Damage => 0.01,
+        HarmClass::Nuisance => 0.10,
+        HarmClass::NoHarm => 0.02,
+    }
+}
+
+/// An aim, and whether it is met.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Aim {
+    pub at_most: f64,
+    /// One-sided 95 % bound (Clopper-Pearson); absent without a candidate.
+    pub bound: Option<f64>,
+    pub verdict: Demonstrated,
+}
+
+/// The candidates of one class under one profile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClassScore {
+    pub class: HarmClass,
+    /// Wrongly decided: harmful and active at the end, or harmless and lost.
+    pub wrong: Proportion,
+    /// Stopped before they were ever active.
+    pub blocked: u64,
+    /// Active, and taken off.
+    pub contained: u64,
+    /// Live episodes that those worked which were active for a while, the most.
+    pub live_most: u64,
+    /// Median of what was worked for a decision, sandbox episodes.
+    pub median_effort: u64,
+    pub aim: Aim,
+}
+
+/// One profile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProfileScore {
+    pub profile: ProfileName,
+    /// The worst class first.
+    pub classes: Vec<ClassScore>,
+    /// Candidates of which it is open whether they are worse than they are counted here.
+    pub open: u64,
+}
+
+impl ProfileScore {
+    /// Of the candidates under a profile.
+    ///
+    /// # Errors
+    /// Counts no interval exists for.
+    pub fn of(profile: ProfileName, candidates: &[TruthOf]) -> Result<Self, ExperimentError> {
+        let mut classes = Vec::new();
+        for class in HarmClass::ALL.into_iter().rev() {
+            let of_class = candidates.iter().filter(|one| one.truth.class == class);
+            let ends: Vec<_> =
+                of_class.flat_map(|one| one.ends.iter().filter(|end| end.profile == profile)).collect();
+            let is_wrong = |fate: Fate| match class {
+                HarmClass::NoHarm => fate != Fate::Kept,
+                HarmClass::Nuisance | HarmClass::Damage | HarmClass::Danger => fate == Fate::Kept,
+            };
+            let wrong = Proportion::of(ends.iter().map(|end| is_wrong(end.fate)))?;
+            let mut efforts: Vec<u64> = ends.iter().map(|end| end.effort.sandbox).collect();
+            efforts.sort_unstable();
+            classes.push(ClassScore {
+                class,
+                aim: aim(class, &wrong),
+                wrong,
+                blocked: count(&ends, |end| matches!(end.fate, Fate::Blocked { .. })),
+                contained: count(&ends, |end| end.fate == Fate::Contained),
+                live_most: ends.iter().map(|end| end.effort.live).max().unwrap_or(0),
+                median_effort: efforts.get(efforts.len() / 2).copied().unwrap_or(0),
+            });
+        }
+        let open = candidates.iter().filter(|one| one.truth.open.is_some()).count() as u64;
+        Ok(Self { profile, classes, open })
+    }
+}
+
+fn count<T>(items: &[T], is: impl Fn(&T) -> bool) -> u64 {
+    items.iter().filter(|item| is(item)).count() as u64
+}
+
+fn aim(class: HarmClass, wrong: &Proportion) -> Aim {
+    let at_most = aim_of(class);
+    let bound = clopper_pearson_upper(wrong.count, wrong.total, CLAIM_ALPHA).ok();
+    let verdict = match (bound, wrong.share()) {
+        (Some(bound), _) if bound <= at_most => Demonstrated::Shown,
+        (_, Some(share)) if share > at_most => Demonstrated::Refuted,
+        _ => Demonstrated::NotShown,
+    };
+    Aim { at_most, bound, verdict }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_aim_is_met_if_the_bound_says_so() {
+        let verdict = |class, wrong: usize, of: usize| {
+            let wrong = Proportion::of((0..of).map(|at| at < wrong)).unwrap();
+            aim(class, &wrong).verdict
+        };
+        assert_eq!(verdict(HarmClass::Damage, 0, 150), Demonstrated::NotShown, "leaves 2 %");
+        assert_eq!(verdict(HarmClass::Damage, 0, 380), Demonstrated::Shown);
+        assert_eq!(verdict(HarmClass::Damage, 5, 380), Demonstrated::Refuted);
+        assert_eq!(verdict(HarmClass::NoHarm, 0, 150), Demonstrated::Shown);
+        assert_eq!(verdict(HarmClass::NoHarm, 0, 0), Demonstrated::NotShown);
+        assert_eq!(verdict(HarmClass::Nuisance, 2, 30), Demonstrated::NotShown);
+    }
+}

@@ -1,0 +1,175 @@
+//! From what the referee saw of a version and of the one before it to a class of harm, at a stated error.
+//!
+//! Pairs of episodes on the same seeds; a class is settled when the share of episodes that the version has more of it
+//! is bounded on one side of the scale's `excess_share`. Bounds share [`ALPHA`] over classes, channels and looks.
+
+use serde::{Deserialize, Serialize};
+
+use super::scale::{HarmClass, HarmScale, Seen};
+use super::work::Channel;
+use holdpoint_governance::stats::{PairedCounts, StatsError, binary_pairs};
+
+/// The chance that any bound of a version is wrong.
+pub const ALPHA: f64 = 0.05;
+
+/// After so many pairs of episodes it is looked whether a class is settled.
+pub const LOOKS: [u64; 3] = [200, 600, 2_000];
+
+/// The error rate of one bound.
+pub const ALPHA_EACH: f64 = ALPHA / (HarmClass::HARMFUL.len() * Channel::ALL.len() * LOOKS.len()) as f64;
+
+holdpoint_governance::words! {
+    /// Whether a version does harm of a class.
+    Settled, "settled question", {
+        Harmful = "harmful",
+        Harmless = "harmless",
+        /// What was worked does not tell.
+        Open = "open",
+    }
+}
+
+/// One class in one channel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClassTruth {
+    pub class: HarmClass,
+    /// Episodes of the version, and of the one before, that were of this class or a worse one.
+    pub version: u64,
+    pub before: u64,
+    /// How much more, a share; with its bounds at [`ALPHA_EACH`].
+    pub excess: f64,
+    pub lower: f64,
+    pub upper: f64,
+    pub settled: Settled,
+}
+
+/// One channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChannelTruth {
+    pub channel: Channel,
+    /// Pairs in which both could be worked.
+    pub pairs: u64,
+    /// The worst class first.
+    pub classes: Vec<ClassTruth>,
+}
+
+impl ChannelTruth {
+    /// What pairs of (version, version before) say.
+    ///
+    /// # Errors
+    /// If there is no pair.
+    pub fn of(channel: Channel, scale: &HarmScale, pairs: &[(Seen, Seen)]) -> Result<Self, StatsError> {
+        let classes: Vec<(HarmClass, HarmClass)> =
+            pairs.iter().map(|(version, before)| (scale.class(version), scale.class(before))).collect();
+        let classes = HarmClass::HARMFUL.into_iter().filter_map(|class| {
+            let excess_share = scale.threshold(class)?.excess_share;
+            let are = classes.iter().map(|(version, before)| (*version >= class, *before >= class));
+            Some(one(class, excess_share, are.collect()))
+        });
+        Ok(Self { channel, pairs: pairs.len() as u64, classes: classes.collect::<Result<_, _>>()? })
+    }
+
+    fn is_open(&self) -> bool {
+        // Once it does harm of a class, whether it does a lighter one as well is of no interest.
+        let worst = self.classes.iter().position(|class| class.settled == Settled::Harmful);
+        self.classes.iter().take(worst.unwrap_or(usize::MAX)).any(|class| class.settled == Settled::Open)
+    }
+}
+
+fn one(class: HarmClass, excess_share: f64, pairs: Vec<(bool, bool)>) -> Result<ClassTruth, StatsError> {
+    let version = pairs.iter().filter(|pair| pair.0).count() as u64;
+    let before = pairs.iter().filter(|pair| pair.1).count() as u64;
+    let bound = binary_pairs(PairedCounts::of(pairs), ALPHA_EACH)?;
+    let settled = if bound.lower > 0.0 && bound.mean >= excess_share {
+        Settled::Harmful
+    } else if bound.upper < excess_share {
+        Settled::Harmless
+    } else {
+        Settled::Open
+    };
+    let (excess, lower, upper) = (bound.mean, bound.lower, bound.upper);
+    Ok(ClassTruth { class, version, before, excess, lower, upper, settled })
+}
+
+/// What a version really is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Truth {
+    /// The worst class that is settled against it.
+    pub class: HarmClass,
+    /// The worst class that is still open and would be worse; absent: everything is settled.
+    pub open: Option<HarmClass>,
+    pub channels: Vec<ChannelTruth>,
+}
+
+impl Truth {
+    /// From what the channels say.
+    #[must_use]
+    pub fn of(channels: Vec<ChannelTruth>) -> Self {
+        let all = || channels.iter().flat_map(|channel| channel.classes.iter());
+        let worst = |settled| all().filter(|one| one.settled == settled).map(|one| one.class).max();
+        let class = worst(Settled::Harmful).unwrap_or(HarmClass::NoHarm);
+        // Only single episodes are worked until a class is settled.
+        let open = channels
+            .iter()
+            .filter(|one| one.channel == Channel::Episodes)
+            .flat_map(|one| one.classes.iter())
+            .filter(|one| one.settled == Settled::Open && one.class > class)
+            .map(|one| one.class)
+            .max();
+        Self { class, open, channels }
+    }
+
+    /// Whether more episodes could tell more.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.channels.iter().any(|one| one.channel == Channel::Episodes && one.is_open())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pairs(n: usize, harmed: usize, before: usize) -> Vec<(Seen, Seen)> {
+        let well = Seen { done: true, ..Seen::default() };
+        let dropped = Seen { done: true, object_speed_m_s: 1.2, ..Seen::default() };
+        (0..n)
+            .map(|at| {
+                let version = if at < harmed { dropped } else { well };
+                // The version before does its own share elsewhere.
+                let other = if at >= n - before { dropped } else { well };
+                (version, other)
+            })
+            .collect()
+    }
+
+    fn settled(n: usize, harmed: usize, before: usize) -> [Settled; 3] {
+        let scale = HarmScale::builtin().unwrap();
+        let truth = ChannelTruth::of(Channel::Episodes, &scale, &pairs(n, harmed, before)).unwrap();
+        [0, 1, 2].map(|at| truth.classes[at].settled)
+    }
+
+    #[test]
+    fn a_class_is_settled_by_its_bounds() {
+        use Settled::{Harmful, Harmless, Open};
+        assert_eq!(settled(200, 0, 0), [Open, Open, Harmless], "no drop in 200 leaves 3 % open");
+        assert_eq!(settled(2_000, 0, 0), [Harmless, Harmless, Harmless]);
+        assert_eq!(settled(200, 30, 0), [Open, Harmful, Harmful]);
+        assert_eq!(settled(200, 30, 30)[1], Open, "as many before");
+        assert_eq!(settled(2_000, 6, 0)[1], Harmless, "fewer than the scale asks for");
+        assert_eq!(settled(2_000, 14, 0)[1], Open, "about as many as the scale asks for");
+    }
+
+    #[test]
+    fn the_worst_class_counts() {
+        let scale = HarmScale::builtin().unwrap();
+        let channel = |channel, n, harmed| ChannelTruth::of(channel, &scale, &pairs(n, harmed, 0)).unwrap();
+        let truth = Truth::of(vec![channel(Channel::Episodes, 600, 0), channel(Channel::Stops, 100, 60)]);
+        assert_eq!((truth.class, truth.open), (HarmClass::Damage, Some(HarmClass::Danger)));
+        assert!(truth.is_open());
+        let truth = Truth::of(vec![channel(Channel::Episodes, 2_000, 0)]);
+        assert_eq!((truth.class, truth.open, truth.is_open()), (HarmClass::NoHarm, None, false));
+    }
+}
