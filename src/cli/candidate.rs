@@ -9,18 +9,20 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::chosen::{AskedProfile, AskedProfileParser, chosen, last};
+use super::data;
 use super::output::Table;
 use crate::cli::context::CliContext;
 use crate::cli::engine_verbs::EngineVerbs;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::check::{self, StaticFindings};
+use holdpoint_engine::check::{self, Standing, StaticFindings};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::{Profile, ProfileName, titled};
+use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::{self, Capability, PackageError, Parsed};
 use holdpoint_text::Untrusted;
 
@@ -140,7 +142,9 @@ struct CandidateReport {
     provenance: &'static str,
     estimated_risk: &'static str,
     summary: Untrusted,
-    /// Against the embedded baseline, profile by profile; a site's own by class and name.
+    /// Whom it is compared with.
+    against: String,
+    /// Profile by profile; a site's own by class and name.
     verdicts: Vec<CheckVerdict>,
 }
 
@@ -179,7 +183,8 @@ pub fn run(
             {
                 return Err(CliError::usage(unknown));
             }
-            return check(&candidate, &judged_under(&context.data, args.profile.as_ref())?, out);
+            let profiles = judged_under(&context.data, args.profile.as_ref())?;
+            return check(&candidate, &standing(&context.data)?, &profiles, out);
         }
         CandidateVerb::Diff(args) => diff(&read(&args.old)?, &read(&args.new)?, out)?,
     }
@@ -238,10 +243,32 @@ fn judged_under(data: &Path, asked: Option<&AskedProfile>) -> Result<Vec<ChosenP
     Ok(ProfileName::ALL.into_iter().map(ChosenProfile::from).chain(own).collect())
 }
 
+/// What a folder is compared with: the store's versions, or, where there is no store yet, those it would begin with.
+fn standing(data: &Path) -> Result<Standing, CliError> {
+    let standing = if Layout::new(data).database().exists() {
+        Standing::of(&data::open(data)?).map_err(|error| {
+            CliError::usage(error.to_string())
+                .with_hint("`holdpoint audit verify` says what is wrong with the store")
+        })
+    } else {
+        Standing::commissioned().map_err(CliError::internal)
+    };
+    // A store that no engine has set up yet begins with the same.
+    match standing {
+        Ok(standing) if standing.is_empty() => Standing::commissioned().map_err(CliError::internal),
+        other => other,
+    }
+}
+
 /// Well formed, and what the static checks say under each profile. The rest is measured, not read.
-fn check(candidate: &Capability, profiles: &[ChosenProfile], out: &mut Output<'_>) -> Result<Exit, CliError> {
+fn check(
+    candidate: &Capability,
+    standing: &Standing,
+    profiles: &[ChosenProfile],
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
-    let judged = check::against_baseline(candidate, profiles).map_err(CliError::internal)?;
+    let judged = standing.judge(candidate, profiles).map_err(CliError::internal)?;
     let verdicts: Vec<CheckVerdict> =
         judged.iter().map(|(profile, found)| CheckVerdict::new(profile, found)).collect();
     let admitted = verdicts.iter().any(|verdict| verdict.admitted);
@@ -253,6 +280,7 @@ fn check(candidate: &Capability, profiles: &[ChosenProfile], out: &mut Output<'_
         provenance: submission.provenance.name(),
         estimated_risk: submission.estimated_risk.name(),
         summary: submission.summary.as_str().into(),
+        against: standing.described(&candidate.id().family),
         verdicts,
     };
     out.answer(&checked, |out| {
@@ -264,6 +292,7 @@ fn check(candidate: &Capability, profiles: &[ChosenProfile], out: &mut Output<'_
         if !checked.summary.is_blank() {
             out.line(&format!("summary    {}", checked.summary.line()))?;
         }
+        out.line(&format!("against    {}", checked.against))?;
         for verdict in &checked.verdicts {
             let (interface, policy) = (verdict.interface, verdict.policy);
             out.line(&format!("in {:<7} interface {interface}, policy {policy}", verdict.profile))?;

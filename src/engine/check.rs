@@ -1,7 +1,7 @@
 //! What can be said of a version without running it: interface and policy, judged by the rules.
 //!
-//! Stage 2 asks it of a candidate in a store, `candidate check` of a folder against the versions a cell is commissioned
-//! with. Only reads; what follows from the assessments is not decided here.
+//! Stage 2 asks it of a candidate in a store, `candidate check` of a folder against what is active in a store, or, without
+//! one, against the versions a cell is commissioned with. Only reads; what follows from the assessments is not decided here.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -10,6 +10,7 @@ use holdpoint_body::FailureSignal;
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, admits};
 use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::{Family, NameError};
 use holdpoint_governance::interface::declared::{self, held_against};
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome};
@@ -18,11 +19,13 @@ use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, StaticInput};
 use holdpoint_protocol::detail::Changes;
+use holdpoint_registry::Views;
 use holdpoint_runtime::capability::{Capability, PackageError};
 
 use crate::dossier::StaticAssessment;
 use crate::embedded::baselines;
 use crate::explain::difference::version_differences;
+use crate::ledger::{LedgerError, load_member};
 use holdpoint_text::Hint;
 
 /// Why a version could not be checked: something that comes with the program does not load.
@@ -34,6 +37,12 @@ pub enum CheckError {
     /// A baseline does not load.
     #[error(transparent)]
     Baseline(#[from] PackageError),
+    /// A version of the store cannot be read, or is not what was registered.
+    #[error(transparent)]
+    Ledger(#[from] LedgerError),
+    /// A family of the store has a name that none has.
+    #[error(transparent)]
+    Name(#[from] NameError),
 }
 
 /// A version whose family the cell has no task for. Registering it is refused as well: a family begins with a version
@@ -182,23 +191,90 @@ pub(crate) fn assess(
     }
 }
 
-/// Judges a version against the embedded baseline of its family, under each of these profiles and its policies.
-///
-/// # Errors
-/// [`CheckError`].
-pub fn against_baseline(
-    candidate: &Capability,
-    profiles: &[ChosenProfile],
-) -> Result<Vec<(Profile, StaticFindings)>, CheckError> {
-    let baselines = baselines()?;
-    let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family);
-    let registered: Vec<Registered> = baselines.iter().map(|baseline| entry(baseline, true)).collect();
-    let judged = profiles.iter().map(|chosen| {
-        let (profile, table) = chosen.rules()?;
-        let found = judge(candidate, active, &registered, &profile, &table);
-        Ok((profile, found))
-    });
-    judged.collect()
+/// The versions that a folder is judged among.
+#[derive(Clone, Debug)]
+pub struct Standing {
+    /// Those that are active, one a family at most.
+    actives: Vec<Capability>,
+    /// The versions that dependencies may resolve to.
+    registered: Vec<Registered>,
+    /// Whether they are a store's.
+    in_store: bool,
+}
+
+impl Standing {
+    /// The versions a cell is commissioned with.
+    ///
+    /// # Errors
+    /// [`CheckError::Baseline`].
+    pub fn commissioned() -> Result<Self, CheckError> {
+        let actives = baselines()?;
+        let registered = actives.iter().map(|baseline| entry(baseline, true)).collect();
+        Ok(Self { actives, registered, in_store: false })
+    }
+
+    /// The versions of a store, as its rows have them.
+    ///
+    /// # Errors
+    /// [`CheckError::Ledger`].
+    pub fn of(views: &Views) -> Result<Self, CheckError> {
+        let (mut actives, mut registered) = (Vec::new(), Vec::new());
+        for family in views.families().map_err(LedgerError::from)? {
+            let name = Family::new(family.name)?;
+            for id in views.family_in_order(&name).map_err(LedgerError::from)? {
+                let detail = views.version(&id).map_err(LedgerError::from)?;
+                let Some(member) = load_member(views, &id)? else { continue };
+                let is_active = family.active.as_ref() == Some(&id);
+                if detail.is_some_and(|detail| !detail.summary.state.is_terminal()) {
+                    registered.push(entry(&member.capability, is_active));
+                }
+                if is_active {
+                    actives.push(member.capability);
+                }
+            }
+        }
+        Ok(Self { actives, registered, in_store: true })
+    }
+
+    /// Whether no version is in control of anything.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.registered.is_empty()
+    }
+
+    /// The version that a candidate would replace.
+    #[must_use]
+    pub fn active(&self, family: &Family) -> Option<&Capability> {
+        self.actives.iter().find(|active| active.id().family == *family)
+    }
+
+    /// Whom a candidate is compared with, in words.
+    #[must_use]
+    pub fn described(&self, family: &Family) -> String {
+        match (self.active(family), self.in_store) {
+            (Some(active), true) => format!("{}, active in the store", active.id()),
+            (Some(active), false) => format!("{}, built in: there is no store", active.id()),
+            (None, _) => "nothing: no version of its family is active in the store".to_owned(),
+        }
+    }
+
+    /// Judges a version against the active one of its family, under each of these profiles and its policies.
+    ///
+    /// # Errors
+    /// [`CheckError`].
+    pub fn judge(
+        &self,
+        candidate: &Capability,
+        profiles: &[ChosenProfile],
+    ) -> Result<Vec<(Profile, StaticFindings)>, CheckError> {
+        let active = self.active(&candidate.id().family);
+        let judged = profiles.iter().map(|chosen| {
+            let (profile, table) = chosen.rules()?;
+            let found = judge(candidate, active, &self.registered, &profile, &table);
+            Ok((profile, found))
+        });
+        judged.collect()
+    }
 }
 
 /// A version as others may depend on it.

@@ -202,6 +202,10 @@ fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &st
     ))
 }
 
+/// Bytes of a page of a new database: reading a whole chain of 1 KB records takes a quarter less processor time than
+/// with SQLite's own 4096, and a still larger page saves little more and makes every commit write more.
+const PAGE_BYTES: &str = "16384";
+
 /// Makes a complete, empty database under another name and renames it into place.
 fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     let part = path.with_extension("new");
@@ -219,6 +223,8 @@ pub(crate) fn make(path: &Path, schema: &Schema) -> Result<Connection, StoreErro
     configure(&connection)?;
     set(&connection, "journal_mode", "delete", "delete")?;
     set(&connection, "synchronous", "FULL", "2")?;
+    // Only an empty database takes it.
+    set(&connection, "page_size", PAGE_BYTES, PAGE_BYTES)?;
     migrate(&mut connection, schema)?;
     // To change the mode afterwards takes a journal, and a kill would leave that one hot.
     set(&connection, "journal_mode", "wal", "wal")?;

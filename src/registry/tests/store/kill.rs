@@ -161,8 +161,8 @@ fn a_disk_that_takes_no_more_loses_nothing() {
     }
     let folder = tempfile::tempdir().unwrap();
     let test = "kill::a_disk_that_takes_no_more_loses_nothing";
-    // Files of at most 300 KiB: the log cannot grow beyond that.
-    let wrap = "trap '' XFSZ; ulimit -f 600; exec \"$@\"";
+    // Files of at most 1.2 MiB, some 75 pages: the log cannot grow beyond that.
+    let wrap = "trap '' XFSZ; ulimit -f 2400; exec \"$@\"";
     let mut child = child(test, folder.path(), Some(wrap), "");
     let mut last_ack = 0;
     let mut failed = None;
