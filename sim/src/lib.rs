@@ -8,6 +8,7 @@
 pub mod bench_episode;
 pub mod distribution;
 pub mod dynamics;
+pub mod envelope;
 pub mod episode;
 pub mod error;
 pub mod fault;

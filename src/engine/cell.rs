@@ -116,6 +116,13 @@ impl Cell {
         }
     }
 
+    /// The same cell with a part of its sandbox's distribution in place of the whole. Its digest stays that of the whole:
+    /// nothing that is worked in it may be kept under it.
+    #[must_use]
+    pub(crate) fn with_sandbox(&self, sandbox: Distribution) -> Self {
+        Self { sandbox: Arc::new(sandbox), ..self.clone() }
+    }
+
     /// A new world of this cell.
     ///
     /// # Errors

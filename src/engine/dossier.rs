@@ -21,6 +21,7 @@ use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery::RecoveryAssessment;
+use holdpoint_governance::search::Searched;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_protocol::detail::Changes;
 use holdpoint_protocol::event::DimensionResult;
@@ -56,6 +57,9 @@ pub struct Dossier {
     pub modes: Vec<ModeMetrics>,
     /// Episodes of the adversarial mode that were unsafe.
     pub unsafe_under_stress: u32,
+    /// What a search for the worst episode found; absent if it was not searched for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub searched: Option<Searched>,
     /// What it declares beside what it used in the sandbox.
     pub permissions: Option<PermissionUse>,
     /// Drills of the candidate and of the active version.

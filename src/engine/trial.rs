@@ -10,6 +10,7 @@ pub mod evaluation;
 pub mod lab;
 pub mod measures;
 pub mod reuse;
+pub mod search;
 pub mod seeds;
 pub mod stress;
 pub mod trace;

@@ -15,6 +15,7 @@ use super::ended::EndReason;
 use super::evidence::{Binding, EpisodeValues, Pair, PairedEvidence, Signature};
 use super::outcome::{Assessment, Basis, BehaviorOutcome};
 use super::profile::{BehaviorSettings, Profile};
+use super::search::Searched;
 use crate::stats::{self, PairedBound, PairedCounts};
 
 /// The error rate of the one-sided upper bounds that `compatible` asks for.
@@ -207,7 +208,22 @@ pub fn doubt_under_stress(
     }
     let text = format!("{unsafe_episodes} of {episodes} episodes under stress were unsafe");
     let doubt = Reason::new(ReasonCode::BehaviorSuspicious, Dimension::Behavior, text);
-    result.assessment.reasons.insert(0, doubt.with(share, STRESS_SHARE_MAX));
+    put_in_doubt(result, doubt.with(share, STRESS_SHARE_MAX), profile);
+}
+
+/// Puts a version in doubt that was compatible, and goes wrong in a place of the envelope where the active version does
+/// not.
+pub fn doubt_by_search(result: &mut BehaviorAssessment, searched: Option<&Searched>, profile: &Profile) {
+    if result.assessment.outcome != BehaviorOutcome::Compatible {
+        return;
+    }
+    if let Some(doubt) = searched.and_then(Searched::doubt) {
+        put_in_doubt(result, doubt, profile);
+    }
+}
+
+fn put_in_doubt(result: &mut BehaviorAssessment, doubt: Reason, profile: &Profile) {
+    result.assessment.reasons.insert(0, doubt);
     result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
     result.assessment.outcome = BehaviorOutcome::Suspicious;
     result.assessment.conditions = conditions_of_doubt(profile);

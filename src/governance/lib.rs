@@ -230,6 +230,7 @@ pub mod profile;
 pub mod record;
 pub mod recovery;
 pub mod rollback;
+pub mod search;
 pub mod senses;
 pub mod stats;
 pub mod strictness;

@@ -4,6 +4,7 @@
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::ended::EndReason;
 use holdpoint_governance::evidence::{Binding, Drills, HardStop, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
@@ -24,6 +25,7 @@ use crate::record::Record;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan, Slice};
 use crate::trial::measures::{ComparedParty, ModeMetrics};
+use crate::trial::search::{self, Search, SearchStyle};
 use crate::trial::seeds::Purpose;
 use crate::trial::stress;
 use crate::trial::trace::keep_trace;
@@ -50,6 +52,8 @@ enum SandboxPhase {
     /// With the records so far.
     Alone(Alone, Vec<TaskRecord>),
     Compare(Box<Comparison>),
+    /// Nothing was found against it: the worst episode is searched for.
+    Search(Box<Comparison>, Box<Search>),
 }
 
 /// The comparison with the records its metrics are computed from: candidate's and active version's.
@@ -108,6 +112,7 @@ pub fn begin(
     dossier.confirmation = None;
     dossier.permissions = None;
     dossier.unsafe_under_stress = 0;
+    dossier.searched = None;
     dossier.sequences.clear();
     dossier.twins.clear();
     dossier.drills = Some((Drills::default(), Drills::default()));
@@ -117,7 +122,7 @@ pub fn begin(
 }
 
 fn budget(context: &Context) -> u64 {
-    2 * MODE_EPISODES + Plan::sandbox(&context.profile).budget()
+    2 * MODE_EPISODES + Plan::sandbox(&context.profile).budget() + search::PAIRS
 }
 
 impl Sandbox<'_> {
@@ -162,6 +167,13 @@ impl Sandbox<'_> {
                     return Ok(SandboxStep { run: Some(run), episodes: 0 });
                 }
                 if comparison.evaluation.is_over() {
+                    let (measured, _) = comparison.evaluation.assess(&self.context.profile);
+                    if measured.assessment.outcome == BehaviorOutcome::Compatible {
+                        let search = Search::new(self.trials.seed(), SearchStyle::Evolution);
+                        let phase = SandboxPhase::Search(comparison, Box::new(search));
+                        let run = Some(Box::new(SandboxRun { phase, ..*run }));
+                        return Ok(SandboxStep { run, episodes: 0 });
+                    }
                     self.decide(&id, &comparison)?;
                     return Ok(over);
                 }
@@ -175,6 +187,14 @@ impl Sandbox<'_> {
                     self.note_slice(&candidate, &mut comparison, slice)?;
                 }
                 SandboxPhase::Compare(comparison)
+            }
+            SandboxPhase::Search(mut comparison, mut search) => {
+                if search.is_over() || comparison.evaluation.ended() == Some(EndReason::HardStop) {
+                    self.decide(&id, &comparison)?;
+                    return Ok(over);
+                }
+                episodes = self.search(&candidate, &active, &mut search, &mut comparison.evaluation)?;
+                SandboxPhase::Search(comparison, search)
             }
         };
         Ok(SandboxStep { run: Some(run), episodes })
@@ -209,6 +229,32 @@ impl Sandbox<'_> {
         let done = (2 * MODE_EPISODES + slice.done, budget(self.context));
         progress(self.record, self.dossiers, id, Stage::Sandbox, &slice.what, done);
         Ok(())
+    }
+
+    /// A part of the search, after a comparison that is over. Tells how many pairs were worked.
+    fn search(
+        &mut self,
+        candidate: &Capability,
+        active: &Capability,
+        search: &mut Search,
+        evaluation: &mut Evaluation,
+    ) -> Result<u64, Fault> {
+        let id = candidate.id();
+        let ledger = self.record.ledger();
+        let party = |version| party(self.context, ledger, self.dossiers, version);
+        let (new, old) = (party(candidate), party(active));
+        let lab = self.trials.lab(&self.context.cell, ledger.store());
+        let (first, points) = search.next(self.trials.part());
+        let worked = lab.places(&new, &old, first, &points)?;
+        search.take(&worked);
+        let dossier = self.dossiers.edit(&id);
+        evaluation.note_hard_stops(worked.iter().filter_map(|(_, record, _)| record.hard_stop));
+        dossier.hard_stops = evaluation.paired().hard_stops;
+        dossier.searched = search.found(&self.context.cell.sandbox);
+        let done = 2 * MODE_EPISODES + evaluation.done() + search.done();
+        let what = "a search for the worst episode";
+        progress(self.record, self.dossiers, &id, Stage::Sandbox, what, (done, budget(self.context)));
+        Ok(worked.len() as u64)
     }
 
     fn keep_trace(
@@ -275,6 +321,7 @@ impl Sandbox<'_> {
         let place = self.trials.cells(self.record.ledger().store()).place();
         let dossier = self.dossiers.edit(id);
         behavior::doubt_under_stress(&mut measured, dossier.unsafe_under_stress, MODE_EPISODES, profile);
+        behavior::doubt_by_search(&mut measured, dossier.searched.as_ref(), profile);
         let mode = SandboxMode::Perturbation;
         dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &records.0));
         dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Active, &records.1));

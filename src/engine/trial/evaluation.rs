@@ -229,6 +229,15 @@ impl Evaluation {
         self.reuse.false_ones().next().is_some()
     }
 
+    /// Takes in hard stops that were seen beside it: one is enough to end it.
+    pub fn note_hard_stops(&mut self, seen: impl IntoIterator<Item = HardStop>) {
+        let before = self.hard_stops.len();
+        self.hard_stops.extend(seen);
+        if self.hard_stops.len() > before {
+            self.ended = Some(EndReason::HardStop);
+        }
+    }
+
     /// What of it was kept from before.
     #[must_use]
     pub const fn reuse(&self) -> &Reuse {

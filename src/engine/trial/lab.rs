@@ -22,6 +22,7 @@ use holdpoint_registry::{EpisodeKey, Found, KeptCells};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::envelope::Point;
 
 /// What an errand of a lab comes to.
 pub enum ErrandOutcome {
@@ -155,6 +156,34 @@ impl Lab<'_> {
         Ok(pairs)
     }
 
+    /// Episodes of both at chosen places of the sandbox's distribution, the first of them the `first`-th of a search:
+    /// candidate's and active version's. Nothing of it is kept.
+    ///
+    /// # Errors
+    /// As [`Lab::episodes`].
+    pub fn places(
+        &self,
+        candidate: &Party,
+        active: &Party,
+        first: u64,
+        points: &[Point],
+    ) -> Result<Vec<(Point, TaskRecord, TaskRecord)>, Fault> {
+        let errand = |(index, point): (u64, &Point)| {
+            let seed = episode_seed(self.seed, Purpose::Search, first + index);
+            self.table_at(candidate, active, point).place(seed, point)
+        };
+        let errands = (0..).zip(points).map(errand).collect();
+        let outcomes = self.crew.work(errands, self.cancel)?;
+        let mut worked = Vec::with_capacity(points.len());
+        for (point, outcome) in points.iter().zip(outcomes) {
+            let (new, old) = outcome.pair()?;
+            let old = old.ok_or_else(|| Fault::Impossible("an episode has no partner".to_owned()))?;
+            worked.push((*point, new, old));
+        }
+        complete(&worked, points.len())?;
+        Ok(worked)
+    }
+
     /// Drills of one kind on the given seeds, with both versions: the candidate's results, the active version's. Says
     /// which were kept.
     ///
@@ -225,6 +254,16 @@ impl Lab<'_> {
     fn table(&self, candidate: &Party, active: &Party) -> Arc<Matchup> {
         Arc::new(Matchup {
             cell: self.cell.clone(),
+            candidate: candidate.clone(),
+            active: active.clone(),
+            undisturbed: Arc::clone(self.undisturbed),
+        })
+    }
+
+    /// The table with the cell's sandbox reduced to one place.
+    fn table_at(&self, candidate: &Party, active: &Party, point: &Point) -> Arc<Matchup> {
+        Arc::new(Matchup {
+            cell: self.cell.with_sandbox(self.cell.sandbox.at(point)),
             candidate: candidate.clone(),
             active: active.clone(),
             undisturbed: Arc::clone(self.undisturbed),
@@ -334,6 +373,14 @@ impl Matchup {
             };
             (errand_key("pair", &[candidate, active]), Box::new(work))
         };
+        Errand { key, work }
+    }
+
+    /// The episode of a seed with both versions at a place, which is all that the table's sandbox has.
+    fn place(self: &Arc<Self>, seed: u64, point: &Point) -> Errand<ErrandOutcome> {
+        let Errand { key, work } = self.pair(seed, false);
+        let at: Vec<u8> = point.iter().flat_map(|share| share.to_bits().to_le_bytes()).collect();
+        let key = errand_key("place", &[key, Digest::of_parts("holdpoint.place.v1", &[&at])]);
         Errand { key, work }
     }
 

@@ -28,6 +28,8 @@ pub enum Purpose {
     Confirmation,
     /// Drills of the confirmation.
     ConfirmationDrill,
+    /// Noise of the episodes that a search tries.
+    Search,
 }
 
 impl Purpose {
@@ -36,7 +38,8 @@ impl Purpose {
             Self::Perturbation => (0, 2_000),
             Self::Canonical => (2_000, 500),
             Self::Adversarial => (2_500, 500),
-            Self::Drill => (3_000, 2_000),
+            Self::Drill => (3_000, 1_500),
+            Self::Search => (4_500, 500),
             Self::Live => (5_000, 4_000),
             Self::Confirmation => (9_000, 800),
             Self::ConfirmationDrill => (9_800, 200),
@@ -61,11 +64,12 @@ pub const fn practice_seed(search_seed: u32, index: u64) -> u64 {
 mod tests {
     use super::*;
 
-    const PURPOSES: [Purpose; 7] = [
+    const PURPOSES: [Purpose; 8] = [
         Purpose::Perturbation,
         Purpose::Canonical,
         Purpose::Adversarial,
         Purpose::Drill,
+        Purpose::Search,
         Purpose::Live,
         Purpose::Confirmation,
         Purpose::ConfirmationDrill,
