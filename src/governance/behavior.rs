@@ -211,8 +211,8 @@ pub fn doubt_under_stress(
     put_in_doubt(result, doubt.with(share, STRESS_SHARE_MAX), profile);
 }
 
-/// Puts a version in doubt that was compatible, and goes wrong in a place of the envelope where the active version does
-/// not.
+/// Puts a version in doubt that was compatible, and passes a limit in a place of the envelope where the active version
+/// does not.
 pub fn doubt_by_search(result: &mut BehaviorAssessment, searched: Option<&Searched>, profile: &Profile) {
     if result.assessment.outcome != BehaviorOutcome::Compatible {
         return;

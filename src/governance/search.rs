@@ -15,7 +15,7 @@ pub struct Searched {
     pub place: Vec<(String, f64)>,
     /// How much worse the candidate's episode was there; a number without unit, for the search alone.
     pub excess: f64,
-    /// Pairs of episodes on fresh noise at that place, in which the work was not done or a limit passed.
+    /// Pairs of episodes on fresh noise at that place, in which a limit was passed.
     pub repeats: PairedCounts,
 }
 
@@ -24,7 +24,7 @@ pub struct Searched {
 const ALPHA: f64 = 0.01;
 
 impl Searched {
-    /// The doubt, if it is established that the candidate goes wrong there more often than the active version.
+    /// The doubt, if it is established that the candidate passes a limit there more often than the active version.
     #[must_use]
     pub fn doubt(&self) -> Option<Reason> {
         let PairedCounts { pairs, candidate_only, active_only } = self.repeats;
@@ -35,8 +35,8 @@ impl Searched {
         let place: Vec<String> =
             self.place.iter().map(|(axis, value)| format!("{axis} {value:.4}")).collect();
         let text = format!(
-            "a search found a place where it goes wrong alone in {candidate_only} of {pairs} pairs, the active version in \
-             {active_only}: {}",
+            "a search found a place where it alone passes a limit in {candidate_only} of {pairs} pairs, the active \
+             version alone in {active_only}: {}",
             place.join(", ")
         );
         let reason = Reason::new(ReasonCode::BehaviorSuspicious, Dimension::Behavior, text);
@@ -60,6 +60,6 @@ mod tests {
         assert_eq!(found(3, 0).doubt(), None, "three of twelve may be chance");
         let reason = found(10, 0).doubt().unwrap();
         assert!(reason.text.contains("object.mass_kg 0.3500"), "{reason}");
-        assert!(reason.text.contains("in 10 of 12 pairs, the active version in 0"), "{reason}");
+        assert!(reason.text.contains("in 10 of 12 pairs, the active version alone in 0"), "{reason}");
     }
 }

@@ -64,7 +64,7 @@ pub struct Search {
     open: Vec<Point>,
     /// In the order they were worked.
     tried: Vec<Tried>,
-    /// On fresh noise at the worst place: whether it went wrong, of the candidate and of the active version.
+    /// On fresh noise at the worst place: whether a limit was passed, by the candidate and by the active version.
     repeats: Vec<(bool, bool)>,
 }
 
@@ -103,7 +103,7 @@ impl Search {
                     self.open = self.generation();
                 }
             } else {
-                self.repeats.push((went_wrong(candidate), went_wrong(active)));
+                self.repeats.push((is_harmful(candidate), is_harmful(active)));
             }
         }
     }
@@ -184,9 +184,10 @@ fn descendant(parents: &[Tried], stream: &mut Stream) -> Point {
     point
 }
 
-/// Whether an episode is one that nobody wants: the work was not done, or a limit was passed.
-fn went_wrong(record: &TaskRecord) -> bool {
-    record.invalid || !record.success || record.violation || record.hard_stop.is_some()
+/// Whether an episode counts against a version: a limit was passed. To fail is no harm, and somewhere in the envelope
+/// every other way of working fails more often.
+const fn is_harmful(record: &TaskRecord) -> bool {
+    record.violation || record.hard_stop.is_some()
 }
 
 /// How bad an episode was, for the search to climb by; no rule reads it.
@@ -212,19 +213,20 @@ mod tests {
     use super::*;
     use holdpoint_body::TaskKind;
 
-    fn record(success: bool, force_n: f64) -> TaskRecord {
+    fn record(violation: bool, force_n: f64) -> TaskRecord {
         TaskRecord {
             invalid: false,
-            success,
+            success: true,
+            violation,
             peak_force_n: force_n,
             ..TaskRecord::invalid(TaskKind::Grasp, 1)
         }
     }
 
-    /// A candidate that fails in a corner of two axes, more and more forcefully on the way there.
+    /// A candidate that passes a limit in a corner of two axes, with more and more force on the way there.
     fn corner(point: &Point) -> (TaskRecord, TaskRecord) {
         let near = point[3].min(1.0 - point[4]);
-        (record(near < 0.9, 100.0 * near), record(true, 10.0))
+        (record(near > 0.9, 100.0 * near), record(false, 10.0))
     }
 
     fn searched(seed: u64, style: SearchStyle, part: usize) -> Search {
