@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{Signer, SigningKey, VerifyingKey};
 
+use super::call::{CallClaim, SignedCall};
 use super::keyfile::{self, Keep, KeptKey, KeyError, Protection};
 use super::passphrase::Passphrase;
 use super::signed::{Approval, SignedApproval};
@@ -280,6 +281,12 @@ impl Identity {
         approval.role = self.info.role;
         let signature = self.secret.sign(&approval.bytes());
         SignedApproval::new(approval, self.info.public_key, signature)
+    }
+
+    /// Signs a request. Its `who` and `role` are replaced by this identity's.
+    #[must_use]
+    pub fn sign_call(&self, claim: CallClaim) -> SignedCall {
+        SignedCall::by(self, claim)
     }
 
     /// Its signature over a digest, as hexadecimal digits.

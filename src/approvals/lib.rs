@@ -5,6 +5,7 @@
 //! approve what: that is governance. Must not remember what was used: the store does, in the transaction of the state
 //! change.
 
+mod call;
 mod identity;
 pub mod keyfile;
 mod passphrase;
@@ -12,6 +13,7 @@ mod person;
 mod sealed;
 mod signed;
 
+pub use call::{CallClaim, CallError, SignedCall};
 pub use identity::{Identity, IdentityError, IdentityInfo, KeptIdentity, People, WORD_LEN_MAX};
 pub use passphrase::{PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, PassphraseError};
 pub use person::{

@@ -185,6 +185,9 @@ pub enum ApprovalError {
         signed: Role,
         is: Role,
     },
+    /// What is to be signed has no canonical form.
+    #[error("what is to be signed has no canonical form: {0}")]
+    NoForm(String),
     /// The reason is too long.
     #[error("the reason has {0} bytes; at most 4096 are allowed")]
     ReasonTooLong(usize),
@@ -198,6 +201,7 @@ impl Hint for ApprovalError {
             | Self::Signature(_)
             | Self::Key(_)
             | Self::Role { .. }
+            | Self::NoForm(_)
             | Self::ReasonTooLong(_) => None,
         }
     }

@@ -83,13 +83,23 @@ pub struct StageArgs {
 /// The arguments of `candidate register`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Example:
-  holdpoint candidate register manifests/candidates/grasp-improved")]
+Under the profiles real and human an enrolled person signs for it: --as.
+
+Examples:
+  holdpoint candidate register manifests/candidates/grasp-improved
+  holdpoint candidate register manifests/candidates/grasp-improved --as mara")]
 pub struct RegisterArgs {
     /// The folder with manifest.toml and submission.toml, or the name of an embedded candidate. Whoever its
     /// submission names as author cannot approve it later.
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
+    /// The identity that signs (see `holdpoint identity`).
+    #[arg(long = "as", value_name = "IDENTITY", value_parser = super::decide::parse_identity)]
+    pub identity: Option<String>,
+    /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal. The variable
+    /// `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    #[arg(long, value_name = "FILE", requires = "identity")]
+    pub passphrase_file: Option<PathBuf>,
 }
 
 /// The arguments of `candidate check`.

@@ -216,8 +216,8 @@ pub(super) fn run(
         AskedDecision::Pause(args) => pause(context, &views()?, args, Pausing::Pause, out),
         AskedDecision::Resume(args) => {
             // Going on needs somebody who can be named for it.
-            identity(context, &args.signature)?;
-            pause(context, &views()?, args, Pausing::Resume, out)
+            let who = identity(context, &args.signature)?;
+            pause(context, &views()?, args, Pausing::Resume(&who), out)
         }
         AskedDecision::Stop(args) => stop::stop(context, args, out),
         AskedDecision::Go(args) => stop::go(context, args, out),
@@ -326,10 +326,11 @@ fn rollback(
     Ok(exit)
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Pausing {
+#[derive(Clone, Copy)]
+enum Pausing<'a> {
     Pause,
-    Resume,
+    /// And who answers for it.
+    Resume(&'a Identity),
 }
 
 /// Pauses what is on its way, or resumes what is paused: of one family, or of all.
@@ -337,7 +338,7 @@ fn pause(
     context: &CliContext,
     views: &Views,
     args: &PauseArgs,
-    pausing: Pausing,
+    pausing: Pausing<'_>,
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     if let Some(family) = &args.family {
@@ -348,7 +349,7 @@ fn pause(
         let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
         let stands = match pausing {
             Pausing::Pause => view.state.may_pause(&view.flags),
-            Pausing::Resume => view.state.may_resume(&view.flags, view.held),
+            Pausing::Resume(_) => view.state.may_resume(&view.flags, view.held),
         };
         of_family && stands
     };
@@ -358,16 +359,15 @@ fn pause(
         let of = args.family.as_ref().map_or_else(String::new, |family| format!(" of {family}"));
         return Err(CliError::held(match pausing {
             Pausing::Pause => format!("nothing was paused: no version{of} is on its way"),
-            Pausing::Resume => format!("nothing was resumed: no version{of} is paused or held"),
+            Pausing::Resume(_) => format!("nothing was resumed: no version{of} is paused or held"),
         }));
     }
     for version in versions {
         let operation = operation(&version, &args.signature);
-        let command = match pausing {
-            Pausing::Pause => Command::Pause(operation),
-            Pausing::Resume => Command::Resume(operation),
+        match pausing {
+            Pausing::Pause => side.carry_out(Command::Pause(operation), out)?,
+            Pausing::Resume(who) => side.carry_out_as(context, who, Command::Resume(operation), out)?,
         };
-        side.carry_out(command, out)?;
     }
     Ok(Exit::Confirmed)
 }

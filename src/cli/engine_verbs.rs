@@ -227,8 +227,19 @@ impl EngineVerbs for RealEngine {
         // What is wrong with the folder is said before an engine is opened, so that the store stays as it was.
         let candidate = embedded::read(&args.folder).map_err(CliError::usage)?;
         let (package, name) = (Package::clone(&candidate.package), shown(&args.folder));
+        let who = match &args.identity {
+            Some(name) => Some(super::passphrase::unlock(
+                super::passphrase::kept(context, name)?,
+                args.passphrase_file.as_deref(),
+            )?),
+            None => None,
+        };
         let mut side = Side::open(context)?;
-        let exit = side.carry_out(Command::Register { package, name }, out)?;
+        let command = Command::Register { package, name };
+        let exit = match &who {
+            Some(who) => side.carry_out_as(context, who, command, out)?,
+            None => side.carry_out(command, out)?,
+        };
         if side.is_own() && !out.is_json() {
             out.line(
                 "no engine is running; `holdpoint run` or `holdpoint serve` takes it through the stages",

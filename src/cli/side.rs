@@ -8,7 +8,7 @@ use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_approvals::Nonce;
+use holdpoint_approvals::{Identity, Nonce, SignedCall};
 use holdpoint_engine::bound;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};
@@ -58,11 +58,15 @@ impl Side {
     }
 
     pub(super) fn ask(&mut self, command: Command) -> Result<Reply, CliError> {
+        self.ask_sealed(command, None)
+    }
+
+    fn ask_sealed(&mut self, command: Command, seal: Option<Box<SignedCall>>) -> Result<Reply, CliError> {
         match self {
-            Self::Running(client) => client.ask(command).map_err(door_error),
+            Self::Running(client) => client.ask_sealed(command, seal).map_err(door_error),
             Self::Own(pump) => {
                 let id = Nonce::random().map_err(CliError::internal)?.as_str().to_owned();
-                let reply = pump.submit(Request { id, command });
+                let reply = pump.submit(Request { id, command, seal });
                 // What happened is in the audit log; nobody listens here.
                 drop(pump.tell());
                 Ok(reply)
@@ -93,19 +97,51 @@ impl Side {
     /// If the engine refused, with the exit code that fits.
     pub(super) fn carry_out(&mut self, command: Command, out: &mut Output<'_>) -> Result<Exit, CliError> {
         let reply = self.ask(command)?;
-        match &reply {
-            Reply::Accepted { text, version: _ } => {
-                out.answer(&reply, |out| out.line(text))?;
-                Ok(Exit::Confirmed)
+        told(&reply, out)
+    }
+
+    /// As [`Side::carry_out`], signed by `who` where somebody has to sign it, or where they are enrolled.
+    ///
+    /// # Errors
+    /// As [`Side::carry_out`].
+    pub(super) fn carry_out_as(
+        &mut self,
+        context: &CliContext,
+        who: &Identity,
+        command: Command,
+        out: &mut Output<'_>,
+    ) -> Result<Exit, CliError> {
+        let seal = match self.snapshot()?.signing {
+            Some(signing) if signing.required || is_enrolled(context, who)? => {
+                Some(Box::new(signing.sign(who, &command).map_err(CliError::internal)?))
             }
-            Reply::Refused { code, text, hint } => Err(refused(*code, text, hint.as_deref())),
-            Reply::Snapshot { .. }
-            | Reply::Detail { .. }
-            | Reply::Registry { .. }
-            | Reply::Audit { .. }
-            | Reply::Verified { .. } => {
-                Err(CliError::internal("the engine answered with something that was not asked for"))
-            }
+            Some(_) | None => None,
+        };
+        let reply = self.ask_sealed(command, seal)?;
+        told(&reply, out)
+    }
+}
+
+/// Whether the store knows somebody by this key.
+fn is_enrolled(context: &CliContext, who: &Identity) -> Result<bool, CliError> {
+    let persons = data::open(&context.data)?.persons().map_err(CliError::usage)?;
+    Ok(persons.enrolled().any(|person| person.info() == *who.info()))
+}
+
+/// Prints a reply to something that was to be done.
+fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    match reply {
+        Reply::Accepted { text, version: _ } => {
+            out.answer(reply, |out| out.line(text))?;
+            Ok(Exit::Confirmed)
+        }
+        Reply::Refused { code, text, hint } => Err(refused(*code, text, hint.as_deref())),
+        Reply::Snapshot { .. }
+        | Reply::Detail { .. }
+        | Reply::Registry { .. }
+        | Reply::Audit { .. }
+        | Reply::Verified { .. } => {
+            Err(CliError::internal("the engine answered with something that was not asked for"))
         }
     }
 }

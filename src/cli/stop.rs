@@ -78,16 +78,17 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
 pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let signature = &args.signature;
     // Going on needs somebody who can be named for it.
-    identity(context, signature)?;
+    let who = identity(context, signature)?;
     let by = signature.identity.clone();
     let reason = signature.reason.raw().to_owned();
-    Side::open(context)?.carry_out(Command::Go { by, reason }, out)
+    Side::open(context)?.carry_out_as(context, &who, Command::Go { by, reason }, out)
 }
 
 /// Gives the agent of the live cell a goal.
 pub(super) fn goal(context: &CliContext, args: &GoalArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let signature = &args.signature;
-    identity(context, signature)?;
+    let who = identity(context, signature)?;
     let (by, reason) = (signature.identity.clone(), signature.reason.raw().to_owned());
-    Side::open(context)?.carry_out(Command::Goal { goal: args.goal.clone(), by, reason }, out)
+    let command = Command::Goal { goal: args.goal.clone(), by, reason };
+    Side::open(context)?.carry_out_as(context, &who, command, out)
 }

@@ -23,6 +23,8 @@ pub enum Effect {
     Operate {
         id: String,
         confirmed: Box<Confirmed>,
+        /// Opens the key of who confirmed it, if it is signed and the key is under one; wiped after the signature.
+        passphrase: Option<Passphrase>,
     },
     /// Sign a decision and hand it to the engine.
     Decide {
@@ -36,6 +38,8 @@ pub enum Effect {
         id: String,
         /// The folder; absent for the next demonstration candidate.
         folder: Option<String>,
+        /// As for an operation.
+        passphrase: Option<Passphrase>,
     },
     /// Read who could sit here.
     ReadIdentities,

@@ -22,6 +22,7 @@ use super::msg::MsgKind;
 use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
 use super::theme::Themes;
+use holdpoint_approvals::Passphrase;
 use holdpoint_engine::host::Host;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
@@ -83,7 +84,9 @@ impl Hands {
     pub fn carry_out(&mut self, effect: Effect, place: &mut EffectTarget<'_>) -> io::Result<Outcome> {
         Ok(match effect {
             Effect::Ask { id, question } => self.ask(id, question.into_command()),
-            Effect::Operate { id, confirmed } => self.ask(id, confirmed.into_command()),
+            Effect::Operate { id, confirmed, passphrase } => {
+                self.ask_as(place.model, id, confirmed.into_command(), passphrase)
+            }
             Effect::Decide { id, decision, passphrase } => {
                 let is_protected = passphrase.is_some();
                 match people::sign(&self.host.identities(), &decision, passphrase) {
@@ -94,10 +97,10 @@ impl Hands {
                     Err(problem) => refused(id, Refusal::BadInput, &problem),
                 }
             }
-            Effect::Register { id, folder } => {
+            Effect::Register { id, folder, passphrase } => {
                 let known = known(place.model);
                 match (self.candidates)(folder.as_deref(), &known) {
-                    Ok(command) => self.ask(id, command),
+                    Ok(command) => self.ask_as(place.model, id, command, passphrase),
                     Err(problem) => refused(id, Refusal::BadInput, &problem),
                 }
             }
@@ -138,7 +141,22 @@ impl Hands {
     /// Asks the engine; a full queue is an answer as well.
     #[must_use]
     pub fn ask(&self, id: String, command: Command) -> Outcome {
-        match self.host.ask(Request { id: id.clone(), command }) {
+        self.hand_over(Request::unsigned(id, command))
+    }
+
+    /// Asks the engine, with the signature of who sits here where one is asked for.
+    fn ask_as(&self, model: &Model, id: String, command: Command, passphrase: Option<Passphrase>) -> Outcome {
+        let is_protected = passphrase.is_some();
+        match people::seal(&self.host.identities(), model, &command, passphrase) {
+            Ok(seal) => self.hand_over(Request { id, command, seal }),
+            Err(problem) if is_protected => Outcome::Told(MsgKind::Unsigned { id, text: problem.sentence() }),
+            Err(problem) => refused(id, Refusal::BadInput, &problem),
+        }
+    }
+
+    fn hand_over(&self, request: Request) -> Outcome {
+        let id = request.id.clone();
+        match self.host.ask(request) {
             Ok(()) => Outcome::Quiet,
             Err(_) => {
                 let hint = "wait for its answers, then ask again";

@@ -5,10 +5,11 @@
 
 use super::line::EditLine;
 use super::operator::Operator;
+use super::secret::Signing;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::{Command, Operation};
+use holdpoint_protocol::command::{Authority, Command, Operation};
 use holdpoint_text::is_visible;
 
 /// The longest shelving a form offers, minutes: one shift.
@@ -50,6 +51,8 @@ pub enum Intent {
     Shelve(String),
     /// Close a latched alarm.
     ResetAlarm(String),
+    /// Submit a candidate: a folder, or the next demonstration candidate.
+    Register(Option<String>),
     Quit,
 }
 
@@ -89,6 +92,7 @@ impl Intent {
             Self::Goal(_) => "Work towards",
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
+            Self::Register(_) => "Submit",
             Self::Quit => "End",
         }
     }
@@ -117,6 +121,8 @@ impl Intent {
             Self::Goal(goal) => format!("Work towards {goal}"),
             Self::Shelve(alarm) => format!("Shelve {alarm}"),
             Self::ResetAlarm(alarm) => format!("Reset {alarm}"),
+            Self::Register(Some(folder)) => format!("Submit {folder:?}"),
+            Self::Register(None) => "Submit the next demonstration candidate".to_owned(),
             Self::Quit => "End Holdpoint".to_owned(),
         }
     }
@@ -128,7 +134,7 @@ impl Intent {
     }
 
     const fn needs_reason(&self) -> bool {
-        !matches!(self, Self::Abort(_) | Self::Quit)
+        !matches!(self, Self::Abort(_) | Self::Register(_) | Self::Quit)
     }
 
     const fn needs_minutes(&self) -> bool {
@@ -159,6 +165,8 @@ pub struct Form {
     pub focus: FormFocus,
     /// What is wrong with it, once a confirmation was tried.
     pub problem: Option<String>,
+    /// What was typed to sign for it, while a passphrase is asked for.
+    pub signing: Option<Signing<()>>,
 }
 
 /// What is said where a person's name is missing.
@@ -176,6 +184,12 @@ impl Confirmed {
     #[must_use]
     pub fn into_command(self) -> Command {
         self.command
+    }
+
+    /// Whether it gives or widens authority, so that somebody signs it where a signature is asked for.
+    #[must_use]
+    pub fn gives_authority(&self) -> bool {
+        self.command.authority() == Authority::Gives
     }
 
     /// What was asked for, in words.
@@ -197,7 +211,15 @@ impl Form {
             FormFocus::Cancel
         };
         let minutes = if intent.needs_minutes() { EditLine::new("30") } else { EditLine::default() };
-        Self { intent, consequences, minutes, reason: EditLine::default(), focus, problem: None }
+        Self {
+            intent,
+            consequences,
+            minutes,
+            reason: EditLine::default(),
+            focus,
+            problem: None,
+            signing: None,
+        }
     }
 
     /// What can have the keys, in the order of Tab.
@@ -240,6 +262,7 @@ impl Form {
             return;
         }
         self.consequences = consequences;
+        self.signing = None;
         // Stopping and leaving stay one key.
         if self.is_one_key() {
             return;
@@ -253,10 +276,10 @@ impl Form {
     /// Whether one key confirms it without a field to fill.
     #[must_use]
     pub const fn is_one_key(&self) -> bool {
-        matches!(self.intent, Intent::Abort(_) | Intent::Quit)
+        matches!(self.intent, Intent::Abort(_) | Intent::Register(_) | Intent::Quit)
     }
 
-    /// The operation, for `who`. Quitting is no operation of the engine's and is `None`.
+    /// The operation, for `who`. Quitting is none of the engine's, and what is submitted is read when it is: `None`.
     ///
     /// # Errors
     /// What is missing or not allowed, with a hint.
@@ -312,7 +335,8 @@ impl Form {
                 Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason }
             }
             Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason },
-            Intent::Quit => return Ok(None),
+            // What is submitted is read when it is.
+            Intent::Register(_) | Intent::Quit => return Ok(None),
         };
         Ok(Some(Confirmed { command, said: self.intent.title() }))
     }

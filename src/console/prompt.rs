@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::line::EditLine;
 use super::operator::Operator;
-use super::secret::SecretLine;
+use super::secret::Signing;
 use holdpoint_governance::approval::Answer;
 use holdpoint_protocol::snapshot::{CandidateView, PromptView, Purpose, Snapshot};
 use holdpoint_text::is_visible;
@@ -105,27 +105,9 @@ pub struct Prompt {
     /// Lines scrolled down; the screen stops at the last.
     pub scroll: u16,
     /// What is about to be signed, while a passphrase is asked for.
-    pub signing: Option<Signing>,
+    pub signing: Option<Signing<Answer>>,
     /// What of it was on the screen.
     reading: Reading,
-}
-
-/// A decision that waits for its passphrase. It is made only when the passphrase was typed, of how things stand then.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Signing {
-    pub answer: Answer,
-    pub secret: SecretLine,
-    /// The request that it was handed over in, until the engine has answered.
-    pub asked: Option<String>,
-    /// Why the last try signed nothing.
-    pub problem: Option<String>,
-}
-
-impl Signing {
-    #[must_use]
-    pub fn of(answer: Answer) -> Self {
-        Self { answer, secret: SecretLine::default(), asked: None, problem: None }
-    }
 }
 
 /// Rows of a decision that one frame had on the screen.

@@ -1,6 +1,7 @@
 //! A passphrase that is being typed: wiped when it is let go of, and never shown.
 
-use holdpoint_approvals::PASSPHRASE_BYTES_MAX;
+use holdpoint_approvals::{PASSPHRASE_BYTES_MAX, Passphrase};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use zeroize::Zeroizing;
 
 /// A line of which the screen shows one mark a character.
@@ -56,6 +57,82 @@ impl SecretLine {
     /// What was typed; the line is empty then.
     pub fn take(&mut self) -> Zeroizing<String> {
         std::mem::take(self).text
+    }
+}
+
+/// Something that waits for its passphrase. It is made only when the passphrase was typed, of how things stand then.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Signing<W> {
+    /// What is about to be signed.
+    pub what: W,
+    pub secret: SecretLine,
+    /// The request that it was handed over in, until the engine has answered.
+    pub asked: Option<String>,
+    /// Why the last try signed nothing.
+    pub problem: Option<String>,
+}
+
+/// What a key meant while a passphrase was typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SigningKey {
+    /// Nothing more, or a character of the passphrase.
+    Typed,
+    /// To sign now.
+    Sign,
+    /// Back to what is to be signed.
+    Back,
+    /// Away, once it was handed over.
+    Away,
+}
+
+impl<W> Signing<W> {
+    #[must_use]
+    pub fn of(what: W) -> Self {
+        Self { what, secret: SecretLine::default(), asked: None, problem: None }
+    }
+
+    /// Enter signs, Esc leads back, and nothing else is a key.
+    pub fn key(&mut self, key: KeyEvent) -> SigningKey {
+        let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
+        match key.code {
+            KeyCode::Esc if self.asked.is_some() => return SigningKey::Away,
+            KeyCode::Esc => return SigningKey::Back,
+            // Handed over already.
+            _ if self.asked.is_some() => {}
+            KeyCode::Enter if !self.secret.is_empty() => return SigningKey::Sign,
+            KeyCode::Enter => self.problem = Some("type the passphrase first, or Esc".to_owned()),
+            KeyCode::Backspace => self.secret.erase(),
+            KeyCode::Char('u') if chord => drop(self.secret.take()),
+            KeyCode::Char(typed) if !chord => self.secret.insert(typed),
+            _ => {}
+        }
+        SigningKey::Typed
+    }
+
+    /// Types what was pasted, unless it was handed over already.
+    pub fn paste(&mut self, text: &str) {
+        if self.asked.is_none() {
+            self.secret.paste(text);
+        }
+    }
+
+    /// What was typed leaves for the request `id`.
+    pub fn hand_over(&mut self, id: &str) -> Option<Passphrase> {
+        self.asked = Some(id.to_owned());
+        self.problem = None;
+        Passphrase::new(self.secret.take()).ok()
+    }
+
+    /// Whether it waits for the answer to this request.
+    #[must_use]
+    pub fn waits_for(&self, id: &str) -> bool {
+        self.asked.as_deref() == Some(id)
+    }
+
+    /// What was typed opened no key: it can be typed anew.
+    pub fn failed(&mut self, text: String) {
+        self.asked = None;
+        self.problem = Some(text);
     }
 }
 

@@ -226,6 +226,7 @@ fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result
         policy: context.digest,
         agent: agent.unwrap_or(Digest::from_bytes([0; 32])),
         reading: Some(ReadingView { read: 0, of: records }),
+        signing: None,
         holding: None,
         stopped,
         families,

@@ -187,7 +187,7 @@ impl Host {
     pub fn stop(mut self, patience: Duration) -> Result<(), StopError> {
         let until = Instant::now() + patience;
         // A queue that is full is closed below, which ends the engine as well.
-        let _ = self.ask(Request { id: "host-stop".to_owned(), command: Command::Shutdown });
+        let _ = self.ask(Request::unsigned("host-stop".to_owned(), Command::Shutdown));
         let Some(thread) = self.thread.take() else { return Ok(()) };
         let (closed, _) = sync_channel(0);
         drop(std::mem::replace(&mut self.requests, closed));

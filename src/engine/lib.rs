@@ -53,6 +53,7 @@ use crate::door::DoorError;
 use crate::embedded::baselines;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, LedgerError};
+use crate::people::signed_calls::Signer;
 use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
@@ -78,6 +79,14 @@ struct Answered {
     id: String,
     command: Digest,
     reply: Reply,
+}
+
+/// A request that was let in.
+struct Admitted {
+    request: Request,
+    caller: Caller,
+    /// Who signed it; absent if nobody had to.
+    signer: Option<Signer>,
 }
 
 /// What a command is known by, however large it is.
@@ -185,7 +194,7 @@ pub struct Engine {
     pipeline: Pipeline,
     next_seq: u64,
     answers: VecDeque<Answered>,
-    waiting: VecDeque<(Request, Caller)>,
+    waiting: VecDeque<Admitted>,
     /// Calls made by the program that holds it.
     calls: u64,
     ended: bool,
@@ -271,18 +280,25 @@ impl Engine {
             } else {
                 used_otherwise(&request.id)
             });
-        } else if let Some((waiting, _)) = self.waiting.iter().find(|(waiting, _)| waiting.id == request.id) {
-            return (waiting.command != request.command).then(|| used_otherwise(&request.id));
+        } else if let Some(waiting) = self.waiting.iter().find(|waiting| waiting.request.id == request.id) {
+            return (waiting.request.command != request.command).then(|| used_otherwise(&request.id));
         }
         if self.waiting.len() >= WAITING_MAX {
             return Some(refused("too many requests wait for the end of a sequence"));
         }
-        match self.pipeline.timing(&request.command) {
-            Timing::Now => return Some(self.carry_out(request, &caller)),
+        // Before the arm is stopped for it, or anything waits for it.
+        let signer = match self.pipeline.admit(&request) {
+            Ok(signer) => signer,
+            Err(refused) => return Some(refused),
+        };
+        let timing = self.pipeline.timing(&request.command);
+        let admitted = Admitted { request, caller, signer };
+        match timing {
+            Timing::Now => return Some(self.carry_out(admitted)),
             Timing::Between => {}
             Timing::Stop => self.pipeline.stop_arm(),
         }
-        self.waiting.push_back((request, caller));
+        self.waiting.push_back(admitted);
         None
     }
 
@@ -292,7 +308,8 @@ impl Engine {
         self.answers.iter().find(|answer| answer.id == id).map(|answer| answer.reply.clone())
     }
 
-    fn carry_out(&mut self, request: Request, caller: &Caller) -> Reply {
+    fn carry_out(&mut self, admitted: Admitted) -> Reply {
+        let Admitted { request, caller, signer } = admitted;
         let remembered = (!request.command.only_reads()).then(|| fingerprint(&request.command));
         let reply = match request.command {
             Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
@@ -305,11 +322,11 @@ impl Engine {
                 }
             }
             Command::Stop { by, reason } => {
-                let (id, caller) = (request.id.clone(), caller.clone());
+                let id = request.id.clone();
                 self.pipeline.halt(AskedStop { id, by, reason, caller })
             }
             _ if self.ended => refused("the engine is ending"),
-            command => self.pipeline.command_of(command, caller),
+            command => self.pipeline.command_of(command, &caller, signer.as_ref()),
         };
         if let Some(command) = remembered {
             self.answers.push_back(Answered { id: request.id, command, reply: reply.clone() });
@@ -321,8 +338,8 @@ impl Engine {
     }
 
     fn carry_out_waiting(&mut self) {
-        while let Some((request, caller)) = self.waiting.pop_front() {
-            self.carry_out(request, &caller);
+        while let Some(admitted) = self.waiting.pop_front() {
+            self.carry_out(admitted);
         }
     }
 

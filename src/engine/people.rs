@@ -4,4 +4,5 @@ pub mod approvals;
 pub(crate) mod emergencies;
 pub(crate) mod persons;
 pub mod questions;
+pub(crate) mod signed_calls;
 pub(crate) mod signers;

@@ -40,6 +40,7 @@ use crate::health::CellHealth;
 use crate::ledger::{FamilyEntry, Ledger};
 use crate::monitors::Monitors;
 use crate::people::approvals::Approvals;
+use crate::people::signed_calls::SignedCalls;
 use crate::record::Record;
 use crate::restart;
 use crate::stages::activation::Activation;
@@ -107,6 +108,7 @@ pub struct Pipeline {
     record: Record,
     dossiers: Dossiers,
     approvals: Approvals,
+    signed_calls: SignedCalls,
     monitors: Monitors,
     world: LiveWorld,
     resumptions: Vec<Resumption>,
@@ -149,6 +151,7 @@ impl Pipeline {
             record: Record::new(ledger, clock),
             dossiers: Dossiers::default(),
             approvals: Approvals::default(),
+            signed_calls: SignedCalls::new()?,
             monitors: Monitors::default(),
             resumptions: Vec::new(),
             health: CellHealth::default(),
@@ -509,6 +512,7 @@ impl Pipeline {
             record: &self.record,
             dossiers: &self.dossiers,
             approvals: &self.approvals,
+            signed_calls: &self.signed_calls,
             monitors: &self.monitors,
             world: &self.world,
         };

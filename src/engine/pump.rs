@@ -125,7 +125,7 @@ impl Pump {
         let Some(door) = &mut self.door else { return };
         door.poll(&mut self.engine);
         if door.endings_asked() > 0 && !self.engine.has_ended() {
-            self.engine.submit(Request { id: "signal-to-end".to_owned(), command: Command::Shutdown });
+            self.engine.submit(Request::unsigned("signal-to-end".to_owned(), Command::Shutdown));
         }
     }
 

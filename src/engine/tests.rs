@@ -564,14 +564,14 @@ fn a_goal_is_worked_on_record_and_outlasts_a_restart() {
 fn an_id_stands_for_one_command_and_a_stop_for_itself() {
     let folder = tempfile::tempdir().unwrap();
     let mut engine = engine(folder.path(), "arm7").unwrap();
-    let mut ask = |command: Command| engine.submit(Request { id: "same".to_owned(), command });
+    let mut ask = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
     let stop = || Command::Stop { by: "ann".to_owned(), reason: "a test".to_owned() };
     let go = || Command::Go { by: "ann".to_owned(), reason: "looked at".to_owned() };
     accepted(&ask(stop()));
     let other = ask(go());
     assert!(matches!(&other, Reply::Refused { code: Refusal::BadInput, .. }), "{other:?}");
     accepted(&ask(stop()));
-    let mut ask = |id: &str, command: Command| engine.submit(Request { id: id.to_owned(), command });
+    let mut ask = |id: &str, command: Command| engine.submit(Request::unsigned(id.to_owned(), command));
     accepted(&ask("second", go()));
     accepted(&ask("second", go()));
     let stopped = ask("second", stop());

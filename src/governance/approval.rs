@@ -54,6 +54,15 @@ impl Role {
             | (Self::Admin, Risk::Low | Risk::Medium | Risk::High) => false,
         }
     }
+
+    /// Whether this role may let something go on, or give the arm work.
+    #[must_use]
+    pub const fn lets_go_on(self) -> bool {
+        match self {
+            Self::Operator | Self::Engineer | Self::Safety => true,
+            Self::Admin => false,
+        }
+    }
 }
 
 /// Result of checking a vote's signature against its person's key; checked outside these rules.

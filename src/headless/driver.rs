@@ -218,7 +218,7 @@ impl<'a> Driver<'a> {
 
     fn submit(&mut self, command: Command) -> Result<Reply, CliError> {
         self.requests += 1;
-        let request = Request { id: format!("script-{}", self.requests), command };
+        let request = Request::unsigned(format!("script-{}", self.requests), command);
         let reply = self.pump.submit(request);
         self.take_events()?;
         Ok(reply)
@@ -438,7 +438,7 @@ impl<'a> Driver<'a> {
     fn end(&mut self, said: &str) -> Result<(), CliError> {
         self.requests += 1;
         let id = format!("script-{}", self.requests);
-        self.pump.submit(Request { id, command: Command::Shutdown });
+        self.pump.submit(Request::unsigned(id, Command::Shutdown));
         self.take_events()?;
         // Here and not before: a script's records are then in the same places whatever the sink's thread does.
         let events = self.pump.finish();

@@ -150,7 +150,7 @@ impl PlainStream<'_> {
         let candidate = embedded::read(Path::new(name)).map_err(CliError::usage)?;
         let package = Package::clone(&candidate.package);
         let command = Command::Register { package, name: name.to_owned() };
-        let reply = self.pump.submit(Request { id: "demonstration".to_owned(), command });
+        let reply = self.pump.submit(Request::unsigned("demonstration".to_owned(), command));
         if let Reply::Refused { text, hint, .. } = reply {
             return Err(CliError::usage(Problem::from((text, hint))));
         }
@@ -222,7 +222,7 @@ impl PlainStream<'_> {
             .filter(|view| self.versions.contains(&view.version))
             .map(|view| Followed { version: view.version.clone(), exit: outcome_of(view) })
             .collect();
-        self.pump.submit(Request { id: "the-end".to_owned(), command: Command::Shutdown });
+        self.pump.submit(Request::unsigned("the-end".to_owned(), Command::Shutdown));
         let mut events = self.pump.tell();
         events.extend(self.pump.finish());
         self.print(&events)?;

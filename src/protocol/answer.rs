@@ -1,8 +1,8 @@
-//! A person's signed answer to a question: the one place that says what an answer is bound to.
+//! What people sign, answers to questions and requests: the one place that says what a signature is bound to.
 
 use super::command::Command;
-use super::snapshot::PromptView;
-use holdpoint_approvals::{Approval, ApprovalError, Identity, Nonce};
+use super::snapshot::{PromptView, SigningView};
+use holdpoint_approvals::{Approval, ApprovalError, CallClaim, Identity, Nonce, SignedCall};
 use holdpoint_governance::approval::Answer;
 
 impl PromptView {
@@ -59,5 +59,23 @@ impl PromptView {
             break_glass,
         });
         Ok(Command::Decide { signed: Box::new(signed), shown })
+    }
+}
+
+impl SigningView {
+    /// The signature of `who` under a request for this command.
+    ///
+    /// # Errors
+    /// [`ApprovalError`] if the machine gives no random number for the nonce, or the command has no JSON form.
+    pub fn sign(&self, who: &Identity, command: &Command) -> Result<SignedCall, ApprovalError> {
+        Ok(who.sign_call(CallClaim {
+            who: who.info().name.clone(),
+            role: who.info().role,
+            call: command.digest().map_err(|error| ApprovalError::NoForm(error.to_string()))?,
+            store_id: self.store_id.clone(),
+            life: self.life.clone(),
+            nonce: Nonce::random()?,
+            not_after_ms: self.until_ms,
+        }))
     }
 }

@@ -6,7 +6,7 @@ use std::borrow::Cow;
 
 use super::detail::{AuditPage, Detail, RegistryPage, Verified};
 use super::explained::blank;
-use holdpoint_approvals::{SignedApproval, SignedPersonAct};
+use holdpoint_approvals::{SignedApproval, SignedCall, SignedPersonAct};
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::Stage;
@@ -15,6 +15,7 @@ use holdpoint_governance::record::VersionGroup;
 use holdpoint_governance::submission::Package;
 use holdpoint_text::Hint;
 
+pub use super::authority::Authority;
 pub use super::caller::Caller;
 
 /// The paces of the simulated live world, simulated seconds in a second.
@@ -224,6 +225,18 @@ pub struct Request {
     pub id: String,
     /// What the engine is to do or to report.
     pub command: Command,
+    /// Who signed the command, where it gives or widens authority ([`Authority`]); absent if nobody did. Under the
+    /// profiles `real` and `human` such a command is refused without. With any other command it is not looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seal: Option<Box<SignedCall>>,
+}
+
+impl Request {
+    /// A request that nobody signed.
+    #[must_use]
+    pub const fn unsigned(id: String, command: Command) -> Self {
+        Self { id, command, seal: None }
+    }
 }
 
 /// The engine's answer to one request.
@@ -364,23 +377,6 @@ impl Command {
         )
     }
 
-    /// Whether it does nothing but take authority away, or keep it from being given: no crowd of other requests keeps it
-    /// out.
-    #[must_use]
-    pub const fn takes_authority_away(&self) -> bool {
-        matches!(
-            self,
-            Self::Stop { .. }
-                | Self::Rollback(_)
-                | Self::Vacate(_)
-                | Self::Restrict(_)
-                | Self::Reject(_)
-                | Self::Demote { .. }
-                | Self::Pause(_)
-                | Self::Shutdown
-        )
-    }
-
     /// The family the command is about; `None` if it names none.
     #[must_use]
     pub const fn family(&self) -> Option<&Family> {
@@ -483,6 +479,37 @@ mod tests {
             "not_after_ms": 1, "break_glass": false });
         let signed = json!({ "approval": approval, "public_key": "", "signature": "" });
         json!({ "command": "decide", "signed": signed, "shown": null })
+    }
+
+    /// Every command there is, and what it does to authority.
+    #[test]
+    fn every_command_reads_gives_takes_or_does_neither() {
+        use super::{Authority, Command};
+        let classes = [
+            (Authority::Reads, "audit detail registry snapshot verify-audit"),
+            (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
+            (
+                Authority::Gives,
+                "continue go goal rearm register release repeat reset-alarm resume shelve-alarm",
+            ),
+            (Authority::SignedItself, "decide person"),
+            (Authority::Neither, "acknowledge-alarm drift live-fault pace unshelve-alarm"),
+        ];
+        let mut count = 0;
+        for (class, names) in classes {
+            for name in names.split(' ') {
+                count += 1;
+                let written = commands().into_iter().find(|command| command["command"] == name).unwrap();
+                let command: Command = serde_json::from_value(written).unwrap();
+                assert_eq!(command.authority(), class, "{name}");
+                assert_eq!(command.takes_authority_away(), class == Authority::TakesAway, "{name}");
+                assert_eq!(command.only_reads(), class == Authority::Reads, "{name}");
+                // What stops is done before anybody is looked up; what lets go on names who answers for it.
+                let names_somebody = command.by().is_some() || name == "register";
+                assert!(class != Authority::Gives || names_somebody, "{name}");
+            }
+        }
+        assert_eq!(count, commands().len(), "one class for each");
     }
 
     /// Adds a field that nobody knows to every object within, one at a time.

@@ -14,6 +14,7 @@
 #![warn(missing_docs)]
 
 mod answer;
+mod authority;
 mod caller;
 mod changes;
 pub mod clock;

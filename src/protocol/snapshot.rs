@@ -11,6 +11,7 @@ use super::caller::Caller;
 use super::detail::Changes;
 use super::event::{DimensionResult, TaskSummary};
 use super::picture::Scenery;
+use holdpoint_approvals::Nonce;
 use holdpoint_body::rehearsal::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::condition::Condition;
@@ -47,6 +48,10 @@ pub struct Snapshot {
     /// verified, and nothing is carried out but a stop.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reading: Option<ReadingView>,
+    /// What a request that gives or widens authority is signed over; absent where nobody signs requests: in a script,
+    /// and before the record was read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub signing: Option<SigningView>,
     /// Why the engine holds after a fault of its own; absent if it does not.
     pub holding: Option<String>,
     /// Who stopped the cell, and since when; absent while it works.
@@ -75,6 +80,19 @@ pub struct Snapshot {
     /// What this engine has counted of the metrics since it came up; `holdpoint metrics` reads the whole store.
     #[serde(default)]
     pub observed: ObservedCounts,
+}
+
+/// What a signature under a request is bound to, beside the request.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SigningView {
+    /// Whether a command that gives or widens authority is refused without a signature.
+    pub required: bool,
+    /// The store.
+    pub store_id: String,
+    /// This life of the engine; what was signed in another counts for nothing.
+    pub life: Nonce,
+    /// Virtual time at which a signature that is made now may expire at the latest, ms.
+    pub until_ms: u64,
 }
 
 /// How far an engine that comes up has read its record.

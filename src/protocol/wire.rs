@@ -7,7 +7,7 @@ use crate::command::{Reply, Request};
 use crate::event::Event;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 3;
+pub const PROTOCOL: u32 = 4;
 
 /// The longest line a client may send, bytes.
 pub const CALL_BYTES_MAX: usize = 1024 * 1024;

@@ -222,7 +222,7 @@ fn call() {
         Command::VerifyAudit,
         Command::Shutdown,
     ];
-    let call = |(id, command)| Call::Ask { request: Box::new(Request { id: format!("c{id}"), command }) };
+    let call = |(id, command)| Call::Ask { request: Box::new(Request::unsigned(format!("c{id}"), command)) };
     let mut calls: Vec<Call> = (0..).zip(commands).map(call).collect();
     calls.push(Call::Subscribe {});
     let lines = calls.iter().map(|call| wire::line(call).unwrap().into_bytes()).collect();

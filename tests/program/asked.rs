@@ -39,7 +39,7 @@ impl Bench {
 
     fn ask(&mut self, command: Command) -> Reply {
         self.asked += 1;
-        self.engine.submit(Request { id: format!("test-{}", self.asked), command })
+        self.engine.submit(Request::unsigned(format!("test-{}", self.asked), command))
     }
 
     /// Registers a candidate and lets it be validated; nothing is measured yet.

@@ -125,7 +125,7 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     assert!(refused(&reply), "{reply:?}");
     let (code, said) = verb(folder.path(), &["reject", "grasp@1.0.0", "--as", "ana", "--reason", "no"]);
     assert_ne!(code, Some(0), "{said}");
-    host.ask(Request { id: "own".to_owned(), command: register() }).unwrap();
+    host.ask(Request::unsigned("own".to_owned(), register())).unwrap();
     let Update::Answer { id, reply } = next(&mut host) else { panic!("an answer is told") };
     assert!(id == "own" && refused(&reply), "{reply:?}");
 

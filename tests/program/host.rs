@@ -66,7 +66,7 @@ impl Front {
     fn ask(&mut self, command: Command) -> String {
         self.asked += 1;
         let id = format!("test-{}", self.asked);
-        self.host.ask(Request { id: id.clone(), command }).unwrap();
+        self.host.ask(Request::unsigned(id.clone(), command)).unwrap();
         id
     }
 
@@ -232,7 +232,7 @@ fn requests_are_bounded() {
     let taken = (0..4 * OUTSTANDING_MAX)
         .filter(|number| {
             let id = format!("flood-{number}");
-            front.host.ask(Request { id, command: Command::VerifyAudit }).is_ok()
+            front.host.ask(Request::unsigned(id, Command::VerifyAudit)).is_ok()
         })
         .count();
     assert!((OUTSTANDING_MAX..4 * OUTSTANDING_MAX).contains(&taken), "{taken}");

@@ -34,6 +34,7 @@ mod repeated;
 mod scenarios;
 mod second_arm;
 mod serve;
+mod signed;
 mod stages;
 mod stop;
 mod storm;

@@ -105,7 +105,8 @@ fn a_store_of_an_earlier_version_trusts_no_file() {
     let folder = copied(OPEN_ROLES);
     assert!(standings(&folder).iter().all(|(_, state)| state == "not-enrolled"));
     // The first opening makes the administrator, and nobody else.
-    ends(&folder, "resume align --as omar --reason back", 0);
+    let said = ends(&folder, "resume align --as omar --reason back", 3);
+    says(&said, &["omar is not enrolled in this store", "`holdpoint identity enrol omar --by admin"]);
     let found = standings(&folder);
     assert!(found.contains(&("admin".to_owned(), "enrolled".to_owned())), "{found:?}");
     assert!(found.iter().all(|(name, state)| name == "admin" || state == "not-enrolled"), "{found:?}");

@@ -46,6 +46,12 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
     let path = line_4(&store, "timeout_s = 600.0 ", "timeout_s = 900.0 ");
+    let oak = root.path().join("oak");
+    fs::write(&oak, "under the oak\n").unwrap();
+    fs::set_permissions(&oak, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+    let oak = oak.to_str().unwrap();
+    let made = on(&store, &["identity", "new", "mara", "--passphrase-file", oak]);
+    assert!(made.status.success(), "{}", text(&made));
     let run = on(&store, &["run", "--plain", "--profile", "line-4"]);
     assert_eq!(run.status.code(), Some(5), "{}", text(&run));
     assert!(text(&run).contains("profile human (line-4)"), "{}", text(&run));
@@ -59,7 +65,8 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
 
     // The files are gone, and the store still knows what it is under.
     fs::remove_dir_all(store.join("profiles")).unwrap();
-    let registered = on(&store, &["candidate", "register", IMPROVED]);
+    let signed = ["candidate", "register", IMPROVED, "--as", "mara", "--passphrase-file", oak];
+    let registered = on(&store, &signed);
     assert!(registered.status.success(), "{}", text(&registered));
     assert!(text(&on(&store, &["status"])).contains("human (line-4)"));
     assert_eq!(records(&store, "context-set").len(), 1, "nothing was voided");

@@ -378,6 +378,7 @@ pub fn snapshot() -> Snapshot {
         at_ms: NOW_MS,
         profile: ProfileName::Human,
         site: None,
+        signing: None,
         robot: "arm-1".to_owned(),
         seed: 42,
         policy: digest("policy"),

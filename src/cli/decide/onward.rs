@@ -118,10 +118,10 @@ pub(super) fn repeat(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    identity(context, &args.signature)?;
+    let who = identity(context, &args.signature)?;
     let operation = operation(&args.version, &args.signature);
     let mut side = Side::open(context)?;
-    let exit = side.carry_out(Command::Repeat { operation, stage: args.stage }, out)?;
+    let exit = side.carry_out_as(context, &who, Command::Repeat { operation, stage: args.stage }, out)?;
     if side.is_own() && !out.is_json() {
         out.line("no engine is running; `holdpoint run` works the stage")?;
     }
@@ -135,10 +135,11 @@ pub(super) fn release(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    identity(context, &args.signature)?;
+    let who = identity(context, &args.signature)?;
     let operation = operation(&args.version, &args.signature);
     let mut side = Side::open(context)?;
-    side.carry_out(Command::Release { operation, profiles: args.profile.clone() }, out)?;
+    let command = Command::Release { operation, profiles: args.profile.clone() };
+    side.carry_out_as(context, &who, command, out)?;
     let open = side.snapshot()?.prompts.iter().any(|prompt| prompt.version == args.version);
     Ok(if open { Exit::Held } else { Exit::Confirmed })
 }
@@ -161,11 +162,12 @@ pub(super) fn go_on(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    identity(context, &args.signature)?;
+    let who = identity(context, &args.signature)?;
     let Some(client) = running(context)? else {
         return Err(CliError::held("held: no engine is running on this store, so no monitor asks"));
     };
-    Side::Running(client).carry_out(Command::Continue(operation(&args.version, &args.signature)), out)
+    let command = Command::Continue(operation(&args.version, &args.signature));
+    Side::Running(client).carry_out_as(context, &who, command, out)
 }
 
 pub(super) fn rearm(
@@ -175,8 +177,9 @@ pub(super) fn rearm(
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
     known_version(views, &args.version)?;
-    identity(context, &args.signature)?;
-    Side::open(context)?.carry_out(Command::Rearm(operation(&args.version, &args.signature)), out)
+    let who = identity(context, &args.signature)?;
+    let command = Command::Rearm(operation(&args.version, &args.signature));
+    Side::open(context)?.carry_out_as(context, &who, command, out)
 }
 
 /// One person signs alone; only a running engine knows what is held back.

@@ -5,11 +5,13 @@
 
 use std::path::Path;
 
+use crate::form::NOBODY;
+use crate::model::Model;
 use crate::operator::Operator;
 use crate::prompt::PromptAnswer;
 use holdpoint_approvals::keyfile::{KeyError, Protection};
-use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, Passphrase, SealedError};
-use holdpoint_protocol::command::Command;
+use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, Passphrase, SealedError, SignedCall};
+use holdpoint_protocol::command::{Authority, Command};
 use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_text::Problem;
 
@@ -37,19 +39,7 @@ pub fn sign(
     decision: &PromptAnswer,
     passphrase: Option<Passphrase>,
 ) -> Result<Command, Problem> {
-    let name = decision.by();
-    let kept = Identity::open(folder, name).map_err(|error| Problem::of(&error))?;
-    if passphrase.is_some() != (kept.protection() == Protection::Passphrase) {
-        let text = format!("the passphrase of {name} was set or removed meanwhile");
-        return Err(Problem::new(text).with_hint(format!("`:as {name}`, then decide again")));
-    }
-    let identity = kept.unlock(passphrase.as_ref()).map_err(|error| match error {
-        IdentityError::Key(KeyError::Sealed { problem: SealedError::Passphrase, .. }) => {
-            Problem::new("wrong passphrase, nothing was signed")
-        }
-        other => Problem::of(&other),
-    })?;
-    drop(passphrase);
+    let identity = opened(folder, decision.by(), passphrase)?;
     let shown = Some(decision.shown().to_owned());
     let command = match decision.over().purpose {
         Purpose::Emergency => decision.over().break_glass(&identity, decision.reason(), shown),
@@ -58,6 +48,40 @@ pub fn sign(
         }
     };
     command.map_err(|error| Problem::of(&error))
+}
+
+/// The signature of who sits here under a request that gives authority; absent where none is asked for.
+pub fn seal(
+    folder: &Path,
+    model: &Model,
+    command: &Command,
+    passphrase: Option<Passphrase>,
+) -> Result<Option<Box<SignedCall>>, Problem> {
+    let signing = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.signing.as_ref());
+    let Some(signing) = signing.filter(|signing| signing.required) else { return Ok(None) };
+    if command.authority() != Authority::Gives {
+        return Ok(None);
+    }
+    let who = model.seat.operator.as_ref().map(|who| who.name.as_str());
+    let name = command.by().or(who).ok_or_else(|| Problem::new(NOBODY))?;
+    let identity = opened(folder, name, passphrase)?;
+    let seal = signing.sign(&identity, command).map_err(|error| Problem::of(&error))?;
+    Ok(Some(Box::new(seal)))
+}
+
+/// Somebody's key, opened for one signature.
+fn opened(folder: &Path, name: &str, passphrase: Option<Passphrase>) -> Result<Identity, Problem> {
+    let kept = Identity::open(folder, name).map_err(|error| Problem::of(&error))?;
+    if passphrase.is_some() != (kept.protection() == Protection::Passphrase) {
+        let text = format!("the passphrase of {name} was set or removed meanwhile");
+        return Err(Problem::new(text).with_hint(format!("`:as {name}`, then again")));
+    }
+    kept.unlock(passphrase.as_ref()).map_err(|error| match error {
+        IdentityError::Key(KeyError::Sealed { problem: SealedError::Passphrase, .. }) => {
+            Problem::new("wrong passphrase, nothing was signed")
+        }
+        other => Problem::of(&other),
+    })
 }
 
 fn operator(folder: &Path, info: &IdentityInfo) -> Operator {

@@ -1,6 +1,6 @@
 //! What the console asks the engine for, and when: on entering a view, and again when something changed.
 
-use super::tell;
+use super::{operating, overlays, tell};
 use crate::effect::{Effect, Question};
 use crate::model::{AskedFor, EngineState, Model, PendingRequest, View};
 use holdpoint_governance::record::VersionGroup;
@@ -79,14 +79,22 @@ pub(super) fn verify(model: &mut Model) -> Vec<Effect> {
     ask(model, "check the audit chain".to_owned(), Question::Verify)
 }
 
-/// Submits a candidate: a folder, or the next demonstration candidate.
+/// Submits a candidate: a folder, or the next demonstration candidate. Where somebody signs for it, it is confirmed
+/// first.
 pub(super) fn register(model: &mut Model, folder: Option<String>) -> Vec<Effect> {
+    if overlays::is_signed(&model.told) {
+        return operating::register(model, folder);
+    }
+    submit(model, folder)
+}
+
+/// Hands a candidate over, with what was typed to sign for it.
+pub(super) fn submit(model: &mut Model, folder: Option<String>) -> Vec<Effect> {
     let what = folder.as_deref().map_or_else(
         || "submit the next demonstration candidate".to_owned(),
         |folder| format!("submit {folder:?}"),
     );
-    request(model, AskedFor::Registration, what)
-        .map(|id| Effect::Register { id, folder })
-        .into_iter()
-        .collect()
+    let Some(id) = request(model, AskedFor::Registration, what) else { return Vec::new() };
+    let passphrase = overlays::leave_form(model, &id);
+    vec![Effect::Register { id, folder, passphrase }]
 }

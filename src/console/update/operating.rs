@@ -1,6 +1,6 @@
 //! What an operator does to versions and alarms: which form opens, and why not.
 
-use super::{asking, refuse, tell};
+use super::{asking, overlays, refuse, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent, NOBODY};
@@ -16,10 +16,9 @@ use holdpoint_protocol::snapshot::{AlarmView, StoppedView};
 pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> {
     let said = confirmed.said().to_owned();
     tell(model, format!("{said}: asked"), false);
-    asking::request(model, AskedFor::Operation, said)
-        .map(|id| Effect::Operate { id, confirmed: Box::new(confirmed) })
-        .into_iter()
-        .collect()
+    let Some(id) = asking::request(model, AskedFor::Operation, said) else { return Vec::new() };
+    let passphrase = overlays::leave_form(model, &id);
+    vec![Effect::Operate { id, confirmed: Box::new(confirmed), passphrase }]
 }
 
 /// Opens a form, or says at once that somebody must say who they are: not after a reason was typed.
@@ -74,6 +73,10 @@ fn stop_lines(stopped: &StoppedView) -> Vec<String> {
 /// something else, closes it with a word.
 pub(super) fn follow(model: &mut Model) {
     let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
+    if form.signing.as_ref().is_some_and(|signing| signing.asked.is_some()) {
+        // It was asked for as it stood; the engine's answer closes it.
+        return;
+    }
     match now(model, &form.intent) {
         Ok(consequences) => {
             if let Some(Overlay::Form(form)) = &mut model.entry.overlay {
@@ -107,6 +110,7 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
         Intent::Profile(id, profile, close) => return Ok(profile_lines(model, id, *profile, *close)),
         Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
         Intent::ResetAlarm(name) => return alarm_lines(alarm_now(model, name)?, Action::ResetAlarm),
+        Intent::Register(_) => return Ok(register_lines()),
         Intent::Quit => return Ok(quit_lines(model)),
     };
     let (intent, lines) = intent(model, action, id)?;
@@ -115,6 +119,15 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
     } else {
         Err(format!("it would now be something else: {}", intent.title()))
     }
+}
+
+/// Opens the form that submits a candidate, where somebody signs for it.
+pub(super) fn register(model: &mut Model, folder: Option<String>) -> Vec<Effect> {
+    open(model, Intent::Register(folder), register_lines())
+}
+
+fn register_lines() -> Vec<String> {
+    vec!["It is taken in and evaluated beside what is active; nothing of it acts before its gate".to_owned()]
 }
 
 fn still_stopped(model: &Model, since_ms: u64) -> Result<Vec<String>, String> {

@@ -1,13 +1,14 @@
 //! Keys inside the palette, an approval prompt and a form.
 
-use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use ratatui::crossterm::event::{KeyCode, KeyEvent};
 
 use super::{act, asking, operating, tell, typing};
 use crate::action::Action;
 use crate::effect::Effect;
-use crate::form::{FormFocus, Intent};
-use crate::model::{AskedFor, Model, Overlay};
-use crate::prompt::{Focus, Obstacle, Prompt, Signing};
+use crate::form::{Confirmed, FormFocus, Intent};
+use crate::model::{AskedFor, Model, Overlay, Told};
+use crate::prompt::{Focus, Obstacle};
+use crate::secret::{Signing, SigningKey};
 use holdpoint_approvals::Passphrase;
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::Answer;
@@ -131,54 +132,52 @@ fn decide(model: &mut Model, answer: Answer) -> Vec<Effect> {
 /// What was typed leaves the prompt, which stays until the engine has answered.
 fn signed_with(model: &mut Model, id: &str) -> Option<Passphrase> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return None };
-    let signing = prompt.signing.as_mut()?;
-    signing.asked = Some(id.to_owned());
-    signing.problem = None;
-    Passphrase::new(signing.secret.take()).ok()
+    prompt.signing.as_mut()?.hand_over(id)
 }
 
-/// Keys while a passphrase is typed: Enter signs, Esc leads back to the question, and nothing else is a key.
+/// Keys while the passphrase of a decision is typed.
 fn signing_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     let Some(signing) = &mut prompt.signing else { return Vec::new() };
-    let chord = key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
-    match key.code {
-        KeyCode::Esc if signing.asked.is_some() => model.entry.overlay = None,
-        KeyCode::Esc => prompt.signing = None,
-        // Handed over already.
-        _ if signing.asked.is_some() => {}
-        KeyCode::Enter if !signing.secret.is_empty() => {
-            let answer = signing.answer;
+    match signing.key(key) {
+        SigningKey::Typed => {}
+        SigningKey::Back => prompt.signing = None,
+        SigningKey::Away => model.entry.overlay = None,
+        SigningKey::Sign => {
+            let answer = signing.what;
             return decide(model, answer);
         }
-        KeyCode::Enter => signing.problem = Some("type the passphrase first, or Esc".to_owned()),
-        KeyCode::Backspace => signing.secret.erase(),
-        KeyCode::Char('u') if chord => drop(signing.secret.take()),
-        KeyCode::Char(typed) if !chord => signing.secret.insert(typed),
-        _ => {}
     }
     Vec::new()
 }
 
-/// What was typed did not open the key: said where it was typed, and the question stays.
+/// What was typed did not open the key: said where it was typed, and the question or form stays.
 pub(super) fn unsigned(model: &mut Model, id: &str, text: String) {
     model.asking.pending.remove(id);
-    if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay
-        && let Some(signing) = &mut prompt.signing
-        && signing.asked.as_deref() == Some(id)
-    {
-        signing.asked = None;
-        signing.problem = Some(text);
-        return;
+    match &mut model.entry.overlay {
+        Some(Overlay::Prompt(prompt)) => {
+            if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.waits_for(id)) {
+                return signing.failed(text);
+            }
+        }
+        Some(Overlay::Form(form)) => {
+            if let Some(signing) = form.signing.as_mut().filter(|signing| signing.waits_for(id)) {
+                return signing.failed(text);
+            }
+        }
+        Some(Overlay::Palette(_)) | None => {}
     }
     tell(model, text, true);
 }
 
-/// The engine answered: a prompt that waited for it is done with.
+/// The engine answered: a prompt or a form that waited for it is done with.
 pub(super) fn answered(model: &mut Model, id: &str) {
-    let waited =
-        |prompt: &Prompt| prompt.signing.as_ref().and_then(|signing| signing.asked.as_deref()) == Some(id);
-    if matches!(&model.entry.overlay, Some(Overlay::Prompt(prompt)) if waited(prompt)) {
+    let waited = match &model.entry.overlay {
+        Some(Overlay::Prompt(prompt)) => prompt.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
+        Some(Overlay::Form(form)) => form.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
+        Some(Overlay::Palette(_)) | None => false,
+    };
+    if waited {
         model.entry.overlay = None;
     }
 }
@@ -198,6 +197,15 @@ fn close_held(model: &mut Model) {
 
 pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
     let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
+    if let Some(signing) = &mut form.signing {
+        match signing.key(key) {
+            SigningKey::Typed => {}
+            SigningKey::Back => form.signing = None,
+            SigningKey::Away => model.entry.overlay = None,
+            SigningKey::Sign => return confirm(model),
+        }
+        return Vec::new();
+    }
     let one_key = form.is_one_key();
     match key.code {
         KeyCode::Esc => model.entry.overlay = None,
@@ -230,15 +238,42 @@ fn confirm(model: &mut Model) -> Vec<Effect> {
         model.entry.overlay = None;
         return vec![Effect::End];
     }
-    match form.confirm(model.seat.operator.as_ref()) {
-        Ok(Some(confirmed)) => {
-            model.entry.overlay = None;
-            operating::carry_out(model, confirmed)
-        }
-        Ok(None) => Vec::new(),
+    let confirmed = match form.confirm(model.seat.operator.as_ref()) {
+        Ok(confirmed) => confirmed,
         Err(problem) => {
             form.problem = Some(problem);
-            Vec::new()
+            form.signing = None;
+            return Vec::new();
         }
+    };
+    let gives = confirmed.as_ref().is_none_or(Confirmed::gives_authority);
+    let signs = gives && form.signing.is_none() && is_signed(&model.told);
+    let is_protected =
+        model.seat.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
+    if signs && is_protected {
+        // It is confirmed again when the passphrase is there, as things stand then.
+        form.signing = Some(Signing::of(()));
+        return Vec::new();
     }
+    match (confirmed, form.intent.clone()) {
+        (Some(confirmed), _) => operating::carry_out(model, confirmed),
+        (None, Intent::Register(folder)) => asking::submit(model, folder),
+        (None, _) => Vec::new(),
+    }
+}
+
+/// Whether the engine asks for a signature under what gives authority.
+pub(super) fn is_signed(told: &Told) -> bool {
+    let signing = told.snapshot.as_ref().and_then(|snapshot| snapshot.signing.as_ref());
+    signing.is_some_and(|signing| signing.required)
+}
+
+/// What was typed leaves the form, which stays until the engine has answered; a form that waits for nothing closes.
+pub(super) fn leave_form(model: &mut Model, id: &str) -> Option<Passphrase> {
+    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return None };
+    let passphrase = form.signing.as_mut().and_then(|signing| signing.hand_over(id));
+    if passphrase.is_none() {
+        model.entry.overlay = None;
+    }
+    passphrase
 }

@@ -207,13 +207,15 @@ pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
             palette.cursor = 0;
         }
         (None, Some(Overlay::Form(form))) => {
-            if let Some(line) = form.line_mut() {
+            if let Some(signing) = &mut form.signing {
+                signing.paste(text);
+            } else if let Some(line) = form.line_mut() {
                 line.paste(text);
             }
         }
         (None, Some(Overlay::Prompt(prompt))) if prompt.signing.is_some() => {
-            if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.asked.is_none()) {
-                signing.secret.paste(text);
+            if let Some(signing) = &mut prompt.signing {
+                signing.paste(text);
             }
         }
         (None, Some(Overlay::Prompt(_))) => tell(model, "a prompt takes no pasted text: type it", true),

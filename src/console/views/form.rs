@@ -24,7 +24,12 @@ const WIDTH_MAX: u16 = 76;
 pub fn draw(model: &Model, form: &Form, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width.min(WIDTH_MAX).saturating_sub(4));
     let body = body(form, width);
-    let foot = foot(form, pen, width);
+    let foot = match &form.signing {
+        Some(signing) => {
+            super::prompt::signing_rows(model, signing, (" Sign  ", " back to the form"), pen, width)
+        }
+        None => foot(form, pen, width),
+    };
     let by = model.seat.operator.as_ref().filter(|_| form.intent.needs_person());
     let by = by.map_or_else(String::new, |who| format!("as {}", super::short(&who.name, 24)));
     let height = u16::try_from(body.len() + foot.len() + 2).unwrap_or(u16::MAX);

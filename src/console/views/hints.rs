@@ -43,8 +43,10 @@ pub fn stop(model: &Model) -> Row {
     let types = model.entry.typing.is_some()
         || match &model.entry.overlay {
             Some(Overlay::Palette(_)) => true,
-            Some(Overlay::Prompt(prompt)) => prompt.focus != Focus::Hold,
-            Some(Overlay::Form(form)) => matches!(form.focus, FormFocus::Minutes | FormFocus::Reason),
+            Some(Overlay::Prompt(prompt)) => prompt.focus != Focus::Hold || prompt.signing.is_some(),
+            Some(Overlay::Form(form)) => {
+                matches!(form.focus, FormFocus::Minutes | FormFocus::Reason) || form.signing.is_some()
+            }
             None => false,
         };
     let keys = model.keymap.keys(Action::Stop);

@@ -18,7 +18,8 @@ use super::hints::field;
 use crate::action::Action;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::Model;
-use crate::prompt::{Focus, Obstacle, OnScreen, Prompt, Signing, TextRow};
+use crate::prompt::{Focus, Obstacle, OnScreen, Prompt, TextRow};
+use crate::secret::Signing;
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
@@ -132,7 +133,11 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
         rows.push(Row::of(ThemeRole::Warning, &text));
     }
     if let Some(signing) = &prompt.signing {
-        rows.extend(signing_rows(model, signing, pen, width));
+        let signs = match signing.what {
+            Answer::Approve => " Sign and promote  ",
+            Answer::Reject => " Sign and reject  ",
+        };
+        rows.extend(signing_rows(model, signing, (signs, " back to the question"), pen, width));
         return rows;
     }
     rows.push(fields(prompt, pen, width));
@@ -161,7 +166,13 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
 }
 
 /// The field for the passphrase, of which nothing but its length is shown, and its keys.
-fn signing_rows(model: &Model, signing: &Signing, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+pub(super) fn signing_rows<W>(
+    model: &Model,
+    signing: &Signing<W>,
+    (signs, back): (&str, &str),
+    pen: &Pen<'_>,
+    width: usize,
+) -> Vec<Row> {
     let who = model.seat.operator.as_ref().map_or("nobody", |who| who.name.as_str());
     let head = format!("Passphrase of {who}: ");
     let room = width.saturating_sub(head.width() + 1);
@@ -174,15 +185,11 @@ fn signing_rows(model: &Model, signing: &Signing, pen: &Pen<'_>, width: usize) -
     if let Some(problem) = &signing.problem {
         rows.push(Row::of(ThemeRole::Problem, &format!("{} {problem}", pen.look.glyph(Glyph::Warning))));
     }
-    let signs = match signing.answer {
-        Answer::Approve => " Sign and promote  ",
-        Answer::Reject => " Sign and reject  ",
-    };
     rows.push(
         Row::of(ThemeRole::Key, "Enter")
             .with(ThemeRole::Text, signs)
             .with(ThemeRole::Key, "Esc")
-            .with(ThemeRole::Text, " back to the question"),
+            .with(ThemeRole::Text, back),
     );
     rows
 }

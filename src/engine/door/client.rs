@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::{DoorError, socket, socket_path};
-use holdpoint_approvals::Nonce;
+use holdpoint_approvals::{Nonce, SignedCall};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::wire::{self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, PROTOCOL};
@@ -95,8 +95,20 @@ impl Client {
     /// # Errors
     /// [`DoorError`]; after [`DoorError::NoAnswer`] the outcome is not known.
     pub fn ask(&mut self, command: Command) -> Result<Reply, DoorError> {
+        self.ask_sealed(command, None)
+    }
+
+    /// As [`Client::ask`], with somebody's signature under the command.
+    ///
+    /// # Errors
+    /// As [`Client::ask`].
+    pub fn ask_sealed(
+        &mut self,
+        command: Command,
+        seal: Option<Box<SignedCall>>,
+    ) -> Result<Reply, DoorError> {
         let id = Nonce::random()?.as_str().to_owned();
-        let call = Call::Ask { request: Box::new(Request { id, command }) };
+        let call = Call::Ask { request: Box::new(Request { id, command, seal }) };
         match self.call(&call) {
             Err(DoorError::Ended { .. }) => {
                 let layout = Layout::new(self.lines.path.parent().unwrap_or(Path::new("")));
@@ -116,7 +128,7 @@ impl Client {
     /// [`DoorError::Silent`] if it says nothing; else as [`Client::ask`].
     pub fn look(&mut self, patience: Duration) -> Result<Reply, DoorError> {
         let id = Nonce::random()?.as_str().to_owned();
-        let request = Box::new(Request { id, command: Command::Snapshot });
+        let request = Box::new(Request::unsigned(id, Command::Snapshot));
         self.lines.send(&Call::Ask { request })?;
         match self.lines.next(patience)? {
             Some(Answer::Reply { reply }) => Ok(*reply),

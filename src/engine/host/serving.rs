@@ -43,7 +43,7 @@ impl<'a> Serving<'a> {
             let lost = self.requests(next.take(), publisher);
             if (lost || publisher.is_lost()) && !self.pump.engine().has_ended() {
                 guarded(&mut self.pump, "an end", |pump| {
-                    pump.submit(Request { id: "front-end-lost".to_owned(), command: Command::Shutdown });
+                    pump.submit(Request::unsigned("front-end-lost".to_owned(), Command::Shutdown));
                 });
                 if !self.pump.engine().has_ended() {
                     // Even the end failed: what is on disk is whole, and nothing more is begun.

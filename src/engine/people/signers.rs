@@ -70,7 +70,7 @@ pub(crate) fn signer(
 }
 
 /// Somebody who may decide, by name; an answer of anybody else counts for nothing.
-fn person(persons: &Persons, name: &str) -> Result<IdentityInfo, Reply> {
+pub(super) fn person(persons: &Persons, name: &str) -> Result<IdentityInfo, Reply> {
     let refuse = |text: String, hint: String| {
         Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
     };

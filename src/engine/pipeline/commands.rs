@@ -7,6 +7,7 @@ use crate::goal;
 use crate::halt;
 use crate::operations::{self, LastVersion, accepted, checked};
 use crate::people::approvals::PendingQuestion;
+use crate::people::signed_calls::{self, Signer};
 use crate::people::{persons, questions};
 use crate::stages::closing::rejected;
 use crate::stages::{emergency, monitoring, release};
@@ -18,7 +19,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply};
+use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_text::{Hint, Untrusted};
 
@@ -52,7 +53,12 @@ impl Pipeline {
     /// the engine's own makes it hold.
     pub fn command(&mut self, command: Command) -> Reply {
         let caller = self.own_caller();
-        self.command_of(command, &caller)
+        self.command_of(command, &caller, None)
+    }
+
+    /// Lets a request in: who signed it, or that nobody has to. Else the refusal.
+    pub(crate) fn admit(&mut self, request: &Request) -> Result<Option<Signer>, Reply> {
+        self.signed_calls.admit(&self.context, &self.record, request)
     }
 
     /// Whose process the engine's own requests come from: a script is nobody's.
@@ -61,14 +67,22 @@ impl Pipeline {
     }
 
     /// As [`Pipeline::command`]; `caller` is whose process asks, as the system has it. What a process was granted and
-    /// changes something goes on record with it; what a script asks stands in the script.
-    pub(crate) fn command_of(&mut self, command: Command, caller: &Caller) -> Reply {
+    /// changes something goes on record with it, and with who signed it; what a script asks stands in the script.
+    pub(crate) fn command_of(&mut self, command: Command, caller: &Caller, signer: Option<&Signer>) -> Reply {
+        if let Some(Err(refused)) = signer.map(|signer| signed_calls::still_stands(&self.record, signer)) {
+            return refused;
+        }
         let is_kept = !command.only_reads() && matches!(caller, Caller::Process { .. });
         let asked = is_kept.then(|| named(&command));
         let reply = self.answered(command, caller);
         if let (Some(asked), Reply::Accepted { version, .. }) = (asked, &reply) {
             let subject = version.as_ref().map_or_else(String::new, ToString::to_string);
-            let body = serde_json::json!({ "asked": asked, "caller": caller }).to_string();
+            let mut body = serde_json::json!({ "asked": asked, "caller": caller });
+            if let Some(Signer { name, role, seal }) = signer {
+                body["actor"] = serde_json::json!({ "person": name, "role": role, "verified": true });
+                body["seal"] = serde_json::json!(seal);
+            }
+            let body = body.to_string();
             // What was done is done, and not said to be refused; who cannot write down who asked does nothing more.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
                 self.hold(&format!("who asked for {asked} could not be put on record: {}", error.sentence()));

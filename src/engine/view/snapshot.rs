@@ -10,6 +10,7 @@ use crate::ledger::FamilyEntry;
 use crate::monitors::Monitors;
 use crate::people::approvals::Approvals;
 use crate::people::emergencies;
+use crate::people::signed_calls::SignedCalls;
 use crate::record::Record;
 use crate::world::{self, LiveWorld};
 use holdpoint_governance::alarms::Alarm;
@@ -26,6 +27,7 @@ pub(crate) struct SnapshotView<'a> {
     pub(crate) record: &'a Record,
     pub(crate) dossiers: &'a Dossiers,
     pub(crate) approvals: &'a Approvals,
+    pub(crate) signed_calls: &'a SignedCalls,
     pub(crate) monitors: &'a Monitors,
     pub(crate) world: &'a LiveWorld,
 }
@@ -84,6 +86,7 @@ impl SnapshotView<'_> {
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),
             reading: None,
+            signing: self.signed_calls.view(self.context, self.record),
             holding: self.record.holding().map(ToOwned::to_owned),
             stopped: self.world.halted.clone(),
             families,

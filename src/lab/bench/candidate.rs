@@ -45,7 +45,7 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchE
     let command = Command::Register { package, name: CANDIDATE.to_owned() };
     let mut spent = vec![0.0; PARTS.len()];
     let before = FigureClock::ProcessCpu.secs();
-    let reply = pump.submit(Request { id: "bench".to_owned(), command });
+    let reply = pump.submit(Request::unsigned("bench".to_owned(), command));
     let registered = FigureClock::ProcessCpu.secs() - before;
     if !matches!(reply, Reply::Accepted { .. }) {
         return Err(unexpected(format!("{reply:?}")));

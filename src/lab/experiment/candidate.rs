@@ -152,7 +152,7 @@ impl Drive<'_> {
 
     fn submit(&mut self, command: Command) -> Result<(), ExperimentError> {
         self.requests += 1;
-        let request = Request { id: format!("experiment-{}", self.requests), command };
+        let request = Request::unsigned(format!("experiment-{}", self.requests), command);
         match self.pump.submit(request) {
             Reply::Accepted { .. }
             | Reply::Snapshot { .. }

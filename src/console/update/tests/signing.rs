@@ -1,6 +1,7 @@
 //! A decision whose key is under a passphrase.
 
-use holdpoint_approvals::Passphrase;
+use holdpoint_approvals::{Nonce, Passphrase};
+use holdpoint_protocol::snapshot::SigningView;
 
 use super::*;
 
@@ -27,7 +28,7 @@ fn asked() -> TestConsole {
     console
 }
 
-fn field(console: &TestConsole) -> Option<&crate::prompt::Signing> {
+fn field(console: &TestConsole) -> Option<&crate::secret::Signing<Answer>> {
     match &console.model.entry.overlay {
         Some(Overlay::Prompt(prompt)) => prompt.signing.as_ref(),
         _ => None,
@@ -114,4 +115,102 @@ fn esc_leads_back_to_the_question_and_an_empty_field_signs_nothing() {
     // Stopping works with the field open.
     let effects = console.press(KeyCode::F(9));
     assert!(matches!(&effects[..], [Effect::Ask { question: Question::Stop { .. }, .. }]), "{effects:?}");
+}
+
+impl TestConsole {
+    /// Where the engine asks for a signature under what gives authority, somebody stopped the cell.
+    fn signs(&mut self) {
+        let mut now = snapshot(1, 'a');
+        now.signing = Some(SigningView {
+            required: true,
+            store_id: "s".to_owned(),
+            life: Nonce::from_bytes([7; 16]),
+            until_ms: 300_000,
+        });
+        now.stopped = Some(StoppedView {
+            by: "bo".to_owned(),
+            caller: Caller::Script,
+            reason: String::new(),
+            since_ms: 1,
+            stood_after_ticks: Some(1),
+        });
+        self.tell(MsgKind::Snapshot(Arc::new(now)));
+    }
+
+    fn form(&self) -> Option<&crate::form::Form> {
+        match &self.model.entry.overlay {
+            Some(Overlay::Form(form)) => Some(form),
+            _ => None,
+        }
+    }
+}
+
+#[test]
+fn what_gives_authority_is_signed_in_its_form() {
+    let mut console = TestConsole::new(1);
+    console.sit_with("ana", Protection::Passphrase);
+    console.signs();
+    console.keys("W");
+    console.keys("the cell is empty");
+    for _ in 0..2 {
+        console.press(KeyCode::Tab);
+    }
+    assert!(console.press(KeyCode::Enter).is_empty(), "nothing is asked for without a passphrase");
+    console.keys("wrong words");
+    assert!(!seen(&console).contains("wrong words"));
+    let effects = console.press(KeyCode::Enter);
+    let Some(Effect::Operate { id, passphrase: Some(_), .. }) = effects.first() else {
+        panic!("{effects:?}")
+    };
+    let text = "wrong passphrase, nothing was signed".to_owned();
+    console.tell(MsgKind::Unsigned { id: id.clone(), text: text.clone() });
+    assert!(seen(&console).contains(&text));
+    // Esc leads back to the form, and what was typed is gone.
+    console.press(KeyCode::Esc);
+    assert!(console.form().is_some_and(|form| form.signing.is_none()));
+    console.press(KeyCode::Enter);
+    console.tell(MsgKind::Paste(format!("{WORDS}\n")));
+    let effects = console.press(KeyCode::Enter);
+    let Some(Effect::Operate { id, confirmed, passphrase: with }) = effects.first() else {
+        panic!("{effects:?}")
+    };
+    assert_eq!(with.as_ref(), Some(&passphrase()));
+    assert!(matches!(confirmed.clone().into_command(), Command::Go { by, .. } if by == "ana"));
+    assert!(console.press(KeyCode::Enter).is_empty(), "it is signed once");
+    let reply = serde_json::from_value(json!({ "reply": "accepted", "text": "done", "version": null }));
+    console.tell(MsgKind::Answer { id: id.clone(), reply: Box::new(reply.unwrap()) });
+    assert!(console.form().is_none());
+}
+
+#[test]
+fn a_candidate_is_submitted_by_somebody_and_stopping_asks_for_nothing() {
+    let mut console = TestConsole::new(1);
+    console.signs();
+    console.model.seat.operator = None;
+    console.keys(":demo");
+    assert!(console.press(KeyCode::Enter).is_empty(), "nobody sits here");
+    assert!(console.model.notice.as_ref().unwrap().text.contains(":as NAME"));
+    console.sit_with("ana", Protection::Passphrase);
+    console.keys(":demo");
+    assert!(console.press(KeyCode::Enter).is_empty(), "it is confirmed first");
+    assert!(seen(&console).contains("Submit the next demonstration candidate"));
+    assert!(console.keys("y").is_empty());
+    console.keys(WORDS);
+    let effects = console.press(KeyCode::F(9));
+    assert!(matches!(&effects[..], [Effect::Ask { question: Question::Stop { .. }, .. }]), "{effects:?}");
+    let effects = console.press(KeyCode::Enter);
+    assert!(
+        matches!(&effects[..], [Effect::Register { folder: None, passphrase: Some(with), .. }] if *with == passphrase())
+    );
+    // A key without a passphrase signs at once.
+    console.press(KeyCode::Esc);
+    console.sit_with("bo", Protection::None);
+    console.keys(":register somewhere");
+    console.press(KeyCode::Enter);
+    let effects = console.keys("y");
+    assert!(
+        matches!(&effects[..], [Effect::Register { folder: Some(_), passphrase: None, .. }]),
+        "{effects:?}"
+    );
+    assert!(console.form().is_none());
 }

@@ -56,7 +56,7 @@ fn a_caller_that_cannot_be_put_on_record_holds_the_engine() {
     let id = bench.activate(CANDIDATE);
     let caller = Caller::Process { uid: 7, user: None, process: Some(7) };
     let database = bench.pipeline.record().ledger().store().layout().database();
-    let asked = bench.pipeline.command_of(Command::Restrict(operation(&id)), &caller);
+    let asked = bench.pipeline.command_of(Command::Restrict(operation(&id)), &caller, None);
     assert!(
         matches!(asked, Reply::Accepted { .. }) && bench.pipeline.record().holding().is_none(),
         "{asked:?}"
@@ -64,7 +64,7 @@ fn a_caller_that_cannot_be_put_on_record_holds_the_engine() {
     let index = "CREATE UNIQUE INDEX refuse ON audit (kind) WHERE kind = 'asked'";
     rusqlite::Connection::open(database).and_then(|other| other.execute_batch(index)).unwrap();
     let release = Command::Release { operation: operation(&id), profiles: Vec::new() };
-    let released = bench.pipeline.command_of(release, &caller);
+    let released = bench.pipeline.command_of(release, &caller, None);
     assert!(matches!(released, Reply::Accepted { .. }), "{released:?}");
     let held = bench.pipeline.record().holding().unwrap_or_default();
     assert!(held.contains("who asked for release"), "{held}");

@@ -1,0 +1,338 @@
+//! Signed requests, from outside: under `real` and `human` nothing gives authority unless an enrolled person signed it,
+//! once, for this engine and this request; stopping and taking away needs no signature ever.
+
+use std::path::Path;
+use std::sync::mpsc::channel;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use holdpoint::approvals::keyfile::Keep;
+use holdpoint::approvals::{Cost, Identity, Passphrase, SignedCall};
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::door::{Client, Signals};
+use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::pump::Pump;
+use holdpoint::engine::trial::cache::EpisodeCache;
+use holdpoint::engine::{Config, Engine};
+use holdpoint::governance::approval::Role;
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::record::RecordKind;
+use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint::protocol::snapshot::{SigningView, Snapshot};
+use holdpoint::registry::{AuditFilter, Change, Layout, Store, Transaction, Views};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_mins(1);
+const CANDIDATE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
+
+fn words() -> Passphrase {
+    Passphrase::new("under the oak".to_owned().into()).unwrap()
+}
+
+/// A store whose persons were enrolled before an engine has it: mara and omar, and the first administrator.
+fn store() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    store.first_administrator(0).unwrap();
+    for name in ["mara", "omar"] {
+        person(&store, name, Role::Operator, Keep::Sealed(&words(), Cost::LEAST));
+    }
+    person(&store, "open", Role::Engineer, Keep::Plain);
+    folder
+}
+
+fn person(store: &Store, name: &str, role: Role, keep: Keep<'_>) {
+    let folder = store.layout().identities();
+    let who = Identity::create_kept(&folder, name, role, keep).unwrap();
+    let persons = store.persons().unwrap();
+    let admin = persons.unasked(&folder).unwrap();
+    let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
+    write(store, format!("enrol-{name}"), Change::EnrolPerson(Box::new(act)));
+}
+
+fn write(store: &Store, command_id: String, change: Change) {
+    let at_ms = store.views().unwrap().head().unwrap().at_ms;
+    let transaction = Transaction { command_id, at_ms, wall_ms: 0, changes: vec![change], audit: Vec::new() };
+    store.commit(transaction).unwrap();
+}
+
+/// An engine in a thread of its own, behind its door.
+fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
+    let folder = folder.to_owned();
+    let (ready, is_ready) = channel();
+    let thread = std::thread::spawn(move || {
+        let config = Config {
+            data: &folder,
+            profile: profile.into(),
+            seed: 1,
+            jobs: 1,
+            scripted: false,
+            cell: Cell::builtin().unwrap(),
+            cache: EpisodeCache::InStore,
+        };
+        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
+        pump.open_door(Signals::Left).unwrap();
+        ready.send(()).unwrap();
+        while !pump.engine().has_ended() {
+            if matches!(pump.turn().0, Progress::Idle { .. }) {
+                pump.wait(Duration::from_millis(100));
+            }
+        }
+    });
+    is_ready.recv_timeout(PATIENCE).unwrap();
+    thread
+}
+
+struct Asking {
+    client: Client,
+    folder: std::path::PathBuf,
+}
+
+impl Asking {
+    fn of(folder: &TempDir) -> Self {
+        let client = Client::connect(&Layout::new(folder.path())).unwrap().expect("an engine answers");
+        Self { client, folder: folder.path().to_owned() }
+    }
+
+    fn snapshot(&mut self) -> Snapshot {
+        let Reply::Snapshot { snapshot } = self.client.ask(Command::Snapshot).unwrap() else {
+            panic!("none")
+        };
+        *snapshot
+    }
+
+    fn signing(&mut self) -> SigningView {
+        self.snapshot().signing.expect("a running engine says what to sign")
+    }
+
+    fn key(&self, name: &str) -> Identity {
+        let kept = Identity::open(&Layout::new(&self.folder).identities(), name).unwrap();
+        let passphrase = words();
+        let plain = kept.protection() == holdpoint::approvals::keyfile::Protection::None;
+        kept.unlock((!plain).then_some(&passphrase)).unwrap()
+    }
+
+    fn sign(&mut self, name: &str, command: &Command) -> SignedCall {
+        self.signing().sign(&self.key(name), command).unwrap()
+    }
+
+    fn with(&mut self, command: &Command, seal: &SignedCall) -> Reply {
+        self.client.ask_sealed(command.clone(), Some(Box::new(seal.clone()))).unwrap()
+    }
+
+    #[track_caller]
+    fn accepts(&mut self, command: &Command) {
+        let reply = self.client.ask(command.clone()).unwrap();
+        assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
+    }
+
+    #[track_caller]
+    fn refuses(&mut self, command: &Command, seal: &SignedCall, code: Refusal, part: &str) {
+        refused(&self.with(command, seal), code, part);
+        assert!(self.snapshot().stopped.is_some(), "the cell stays stopped");
+    }
+
+    fn stop(&mut self) {
+        self.accepts(&Command::Stop { by: "nobody-at-all".to_owned(), reason: String::new() });
+    }
+
+    fn end(mut self, engine: JoinHandle<()>) {
+        self.accepts(&Command::Shutdown);
+        engine.join().unwrap();
+    }
+}
+
+#[track_caller]
+fn refused(reply: &Reply, expected: Refusal, part: &str) {
+    let Reply::Refused { code, text, hint } = reply else { panic!("{reply:?}") };
+    let said = format!("{text} {}", hint.as_deref().unwrap_or_default());
+    assert_eq!(*code, expected, "{said}");
+    assert!(said.contains(part), "{part:?} is not in {said}");
+}
+
+fn go(by: &str) -> Command {
+    Command::Go { by: by.to_owned(), reason: "the cell is empty".to_owned() }
+}
+
+fn of(version: &str, by: &str) -> Operation {
+    Operation { version: version.parse().unwrap(), by: by.to_owned(), reason: "a test".to_owned() }
+}
+
+fn register() -> Command {
+    let package = holdpoint::runtime::capability::read(Path::new(CANDIDATE)).unwrap();
+    Command::Register { package, name: "grasp-tool-frame".to_owned() }
+}
+
+/// Who asked, as the records have it, the newest first.
+fn asked(folder: &TempDir) -> Vec<Value> {
+    let filter = AuditFilter {
+        kind: Some(RecordKind::Asked),
+        newest_first: true,
+        limit: 100,
+        ..AuditFilter::default()
+    };
+    let views = Views::open(&Layout::new(folder.path()).database()).unwrap();
+    views.audit(&filter).unwrap().iter().map(|record| serde_json::from_str(&record.body).unwrap()).collect()
+}
+
+fn signs_once_and_here(profile: ProfileName) {
+    let folder = store();
+    let running = engine(folder.path(), profile);
+    let mut asking = Asking::of(&folder);
+    assert!(asking.signing().required);
+    asking.stop();
+    refused(&asking.client.ask(go("mara")).unwrap(), Refusal::NotAllowed, "--as NAME");
+    refused(&asking.client.ask(register()).unwrap(), Refusal::NotAllowed, "an enrolled person signs");
+
+    // Nobody but an enrolled person, of a role that lets things go on.
+    let eve = Identity::create(&Layout::new(folder.path()).identities(), "eve", Role::Safety).unwrap();
+    let view = asking.signing();
+    let by_eve = view.sign(&eve, &go("eve")).unwrap();
+    asking.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, "not enrolled");
+    let by_admin = asking.sign("admin", &go("admin"));
+    asking.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "lets nothing go on");
+    // Nothing else than what was signed, here and in time.
+    let seal = asking.sign("mara", &go("mara"));
+    let other = Command::Go { by: "mara".to_owned(), reason: "another reason".to_owned() };
+    asking.refuses(&other, &seal, Refusal::NotAllowed, "signed another request");
+    let for_omar = asking.sign("mara", &go("omar"));
+    asking.refuses(&go("omar"), &for_omar, Refusal::NotAllowed, "names another person");
+    let mara = asking.key("mara");
+    let elsewhere = SigningView { store_id: "another".to_owned(), ..view.clone() };
+    let seal_of = |view: &SigningView| view.sign(&mara, &go("mara")).unwrap();
+    asking.refuses(&go("mara"), &seal_of(&elsewhere), Refusal::Stale, "another store");
+    let expired = SigningView { until_ms: 0, ..view.clone() };
+    asking.refuses(&go("mara"), &seal_of(&expired), Refusal::Stale, "has expired");
+    let for_ever = SigningView { until_ms: u64::MAX, ..view };
+    asking.refuses(&go("mara"), &seal_of(&for_ever), Refusal::BadInput, "more than 300 s");
+    let mut forged = serde_json::to_value(&seal).unwrap();
+    forged["claim"]["who"] = "omar".into();
+    let forged: SignedCall = serde_json::from_value(forged).unwrap();
+    asking.refuses(&go("omar"), &forged, Refusal::NotAllowed, "another key");
+
+    // A key that anybody may read lets nothing go on where people are near.
+    let by_open = asking.sign("open", &go("open"));
+    if profile == ProfileName::Human {
+        asking.refuses(&go("open"), &by_open, Refusal::NotAllowed, "identity passphrase open");
+    } else {
+        assert!(matches!(asking.with(&go("open"), &by_open), Reply::Accepted { .. }));
+        asking.stop();
+    }
+
+    // It counts, once, and is on record.
+    let reply = asking.with(&go("mara"), &seal);
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_eq!(asking.snapshot().stopped, None);
+    let kept = asked(&folder);
+    let newest = &kept[0];
+    assert_eq!(newest["asked"], "go");
+    assert_eq!(
+        newest["actor"],
+        serde_json::json!({ "person": "mara", "role": "operator", "verified": true })
+    );
+    assert_eq!(newest["seal"], serde_json::to_value(&seal).unwrap());
+    assert!(newest["caller"]["process"].is_number(), "{newest}");
+    asking.stop();
+    asking.refuses(&go("mara"), &seal, Refusal::Stale, "used already");
+
+    // Another signature of hers is another; a candidate is submitted so, and resumed so.
+    let by_mara = asking.sign("mara", &register());
+    let reply = asking.with(&register(), &by_mara);
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    asking.accepts(&Command::Pause(of("grasp@1.2.0", "nobody-at-all")));
+    assert_eq!(asked(&folder)[0].get("actor"), None, "who pauses is nobody in particular");
+    let resume = Command::Resume(of("grasp@1.2.0", "mara"));
+    refused(&asking.client.ask(resume.clone()).unwrap(), Refusal::NotAllowed, "--as NAME");
+    let seal_of_resume = asking.sign("mara", &resume);
+    assert!(matches!(asking.with(&resume, &seal_of_resume), Reply::Accepted { .. }));
+
+    // What was signed in one life of an engine is nothing in the next, used or not.
+    let unused = asking.sign("mara", &go("mara"));
+    asking.end(running);
+    let running = engine(folder.path(), profile);
+    let mut asking = Asking::of(&folder);
+    asking.refuses(&go("mara"), &seal, Refusal::Stale, "an engine that has ended");
+    asking.refuses(&go("mara"), &unused, Refusal::Stale, "an engine that has ended");
+
+    // A revoked key signs nothing any more.
+    let persons = Views::open(&Layout::new(folder.path()).database()).unwrap().persons().unwrap();
+    let admin = persons.unasked(&Layout::new(folder.path()).identities()).unwrap();
+    let act = persons.revocation(persons.named("omar").unwrap(), &admin, "left").unwrap();
+    asking.accepts(&Command::Person { signed: Box::new(act) });
+    let by_omar = asking.sign("omar", &go("omar"));
+    asking.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, "was revoked by admin");
+
+    // Taking away needs no signature; a bad one is in nobody's way.
+    asking.stop();
+    let stop = Command::Stop { by: "omar".to_owned(), reason: "smoke".to_owned() };
+    assert!(matches!(asking.with(&stop, &by_omar), Reply::Accepted { .. }));
+    asking.accepts(&Command::Pause(of("grasp@1.2.0", "nobody-at-all")));
+    asking.accepts(&Command::Reject(of("grasp@1.2.0", "nobody-at-all")));
+    asking.accepts(&Command::Restrict(of("align@1.0.0", "nobody-at-all")));
+    asking.accepts(&Command::Vacate(of("align@1.0.0", "nobody-at-all")));
+    asking.end(running);
+}
+
+#[test]
+fn under_real_what_gives_authority_is_signed_by_an_enrolled_person_once() {
+    signs_once_and_here(ProfileName::Real);
+}
+
+#[test]
+fn under_human_what_gives_authority_is_signed_by_an_enrolled_person_once() {
+    signs_once_and_here(ProfileName::Human);
+}
+
+#[test]
+fn under_sim_a_signature_may_be_left_out_and_counts_where_it_is_given() {
+    let folder = store();
+    let running = engine(folder.path(), ProfileName::Sim);
+    let mut asking = Asking::of(&folder);
+    assert!(!asking.signing().required);
+    asking.stop();
+    asking.accepts(&go("nobody-at-all"));
+    asking.stop();
+    let seal = asking.sign("mara", &go("mara"));
+    assert!(matches!(asking.with(&go("mara"), &seal), Reply::Accepted { .. }));
+    assert_eq!(asked(&folder)[0]["actor"]["person"], "mara");
+    asking.stop();
+    asking.refuses(&go("mara"), &seal, Refusal::Stale, "used already");
+    asking.end(running);
+}
+
+/// The verbs sign with `--as`, with an engine of another process or with one of their own.
+#[test]
+fn the_verbs_sign_as_who_they_are_told() {
+    use crate::old_stores::{holdpoint, text};
+    let root = tempfile::tempdir().unwrap();
+    let oak = root.path().join("oak");
+    std::fs::write(&oak, "under the oak\n").unwrap();
+    std::fs::set_permissions(&oak, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+    let oak = oak.to_str().unwrap();
+    let data = root.path().join("store");
+    let ends = |words: &[&str], code: i32, part: &str| {
+        let output = holdpoint(&root, words);
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
+        assert!(said.contains(part), "{words:?}: {part:?} is not in {said}");
+    };
+    ends(&["identity", "new", "mara", "--passphrase-file", oak], 0, "enrolled by admin");
+    ends(&["identity", "new", "eve", "--unprotected"], 0, "enrolled by admin");
+    let running = engine(&data, ProfileName::Human);
+    ends(&["stop"], 0, "stopped");
+    let go = ["go", "--reason", "empty", "--as"];
+    ends(&[&go[..], &["eve"]].concat(), 3, "identity passphrase eve");
+    ends(&[&go[..], &["mara", "--passphrase-file", oak]].concat(), 0, "works again");
+    ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
+    ends(&["stop"], 0, "stopped");
+    Client::connect(&Layout::new(&data)).unwrap().unwrap().ask(Command::Shutdown).unwrap();
+    running.join().unwrap();
+    // Without an engine the store's last profile holds.
+    ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
+    let register = ["candidate", "register", CANDIDATE, "--as", "mara", "--passphrase-file", oak];
+    ends(&register, 0, "is registered");
+    ends(&[&go[..], &["mara", "--passphrase-file", oak]].concat(), 0, "works again");
+    ends(&["audit", "verify"], 0, "sound");
+}
