@@ -167,6 +167,12 @@ reason_codes! {
     RecoveryLeaning = "recovery-leaning",
     /// The drills of one kind are established as passing less often than the active version's.
     RecoveryEstablishedWorse = "recovery-established-worse",
+    /// The drills of one kind in one phase of the work pass in less than half of the floor.
+    RecoveryPhaseFailing = "recovery-phase-failing",
+    /// The drills of one kind in one phase are established as passing less often than the active version's.
+    RecoveryPhaseWorse = "recovery-phase-worse",
+    /// The active version's own drills pass too seldom: no reason for or against the candidate.
+    RecoveryActiveWeak = "recovery-active-weak",
     /// A stopping rule ended the drills before their number; the text names it.
     RecoveryEndedEarly = "recovery-ended-early",
     /// A drill could not be carried out, or too few were.
@@ -332,6 +338,9 @@ impl ReasonCode {
             | Self::RecoveryConditional
             | Self::RecoveryLeaning
             | Self::RecoveryEstablishedWorse
+            | Self::RecoveryPhaseFailing
+            | Self::RecoveryPhaseWorse
+            | Self::RecoveryActiveWeak
             | Self::RecoveryEndedEarly
             | Self::RecoveryNoData
             | Self::RecoveryPredecessorNotLoadable

@@ -5,6 +5,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::ids::Digest;
+use super::phase::PhaseTallies;
 
 /// What a piece of evidence was gathered for. Evidence of anything else is stale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -246,6 +247,10 @@ pub struct Drills {
     pub abort: DrillTally,
     /// `r_detect`: the injected failure is named in time.
     pub detect: DrillTally,
+    /// The same drills by the phase of the work in which they began.
+    #[serde(default, skip_serializing_if = "PhaseTallies::is_empty")]
+    #[schemars(with = "Vec<crate::phase::PhaseTally>")]
+    pub phases: PhaseTallies,
 }
 
 impl Drills {

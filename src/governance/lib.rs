@@ -153,7 +153,7 @@
 //! let behavior = behavior::assess(&episodes, &binding, &profile).assessment;
 //!
 //! let all = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0 };
-//! let drills = Drills { rollback: all, fallback: all, abort: all, detect: all };
+//! let drills = Drills { rollback: all, fallback: all, abort: all, detect: all, ..Drills::default() };
 //! let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
 //! let recovery = recovery::assess(&rehearsed, &binding, &profile).assessment;
 //!
@@ -224,6 +224,7 @@ pub mod monitor;
 pub mod outcome;
 pub mod own_profile;
 pub mod permission;
+pub mod phase;
 pub mod policy;
 mod policy_table;
 pub mod profile;

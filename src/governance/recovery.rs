@@ -4,10 +4,12 @@
 
 mod compare;
 mod early;
+mod phases;
 
 use compare::kinds;
 pub use compare::{KindRates, RateInterval};
 pub use early::{assess_ended, ended, is_lost, is_lost_early};
+pub use phases::{PHASE_DRILLS_MIN, PhaseRates};
 
 use std::collections::BTreeSet;
 
@@ -41,6 +43,9 @@ pub struct RecoveryAssessment {
     /// Each kind with its intervals, of both versions; empty if a kind has too few drills.
     #[serde(default)]
     pub kinds: Vec<KindRates>,
+    /// Each kind in each phase of the work; empty in records of drills that were not counted by phase.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub phases: Vec<PhaseRates>,
     /// The rule that ended the drills, if it was named and the evidence bears it out.
     #[serde(default)]
     pub ended: Option<EndReason>,
@@ -99,6 +104,7 @@ fn nothing(text: String) -> RecoveryAssessment {
         rates: Vec::new(),
         interval: None,
         kinds: Vec::new(),
+        phases: Vec::new(),
         ended: None,
     }
 }
@@ -123,8 +129,17 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
         return nothing("a pass rate is no share".into());
     };
     let Some(value) = kappa(old, new) else { return nothing("rho is no share".into()) };
+    let phases = phases::phases(evidence, profile);
+    if let Some(found) = phases.iter().find(|found| found.missing) {
+        let PhaseRates { kind, phase, .. } = found;
+        return nothing(format!(
+            "too few feasible {kind} drills of the candidate in the phase {phase}, which the active version's work shows"
+        ));
+    }
     let (outcome, mut reasons) = judge(&candidate, new, old, value, profile);
+    let outcome = judge_phases(outcome, &mut reasons, &phases, profile);
     reasons.extend(kinds.iter().filter_map(compare::reason));
+    reasons.extend(phases::weaknesses(&kinds, &phases, profile));
     let conditions = match outcome {
         RecoveryOutcome::Conditional | RecoveryOutcome::Fragile => vec![
             Condition::ShadowFirst { sequences: profile.evaluation.shadow_sequences_max },
@@ -140,8 +155,30 @@ pub fn assess(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile)
         rates: candidate,
         interval: compare::interval_of_kappa(evidence, profile),
         kinds,
+        phases,
         ended: None,
     }
+}
+
+/// The outcome with what single phases say: one in which the candidate fails makes it incompatible, one in which it is
+/// established as worse makes it conditional, however good the others are.
+fn judge_phases(
+    outcome: RecoveryOutcome,
+    reasons: &mut Vec<Reason>,
+    phases: &[PhaseRates],
+    profile: &Profile,
+) -> RecoveryOutcome {
+    let found: Vec<Reason> = phases.iter().filter_map(|found| phases::reason(found, profile)).collect();
+    let judged = match outcome {
+        _ if phases.iter().any(|found| found.failing) => RecoveryOutcome::Incompatible,
+        RecoveryOutcome::Compatible if !found.is_empty() => RecoveryOutcome::Conditional,
+        unchanged => unchanged,
+    };
+    if judged != outcome && outcome == RecoveryOutcome::Compatible {
+        reasons.clear();
+    }
+    reasons.extend(found);
+    judged
 }
 
 fn judge(

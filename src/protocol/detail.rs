@@ -10,6 +10,7 @@ use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{DrillKind, SandboxMode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
 
@@ -99,6 +100,20 @@ pub struct ModeView {
 pub struct DrillView {
     /// The kind of rehearsal.
     pub kind: DrillKind,
+    /// Drills the candidate recovered from, of how many.
+    pub candidate: [u64; 2],
+    /// Drills the active version recovered from, of how many.
+    pub active: [u64; 2],
+    /// The same by the phase of the work in which they began.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub phases: Vec<PhaseDrillView>,
+}
+
+/// One kind of recovery drill in one phase of the work, for both versions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PhaseDrillView {
+    /// The phase in which the drills began.
+    pub phase: WorkPhase,
     /// Drills the candidate recovered from, of how many.
     pub candidate: [u64; 2],
     /// Drills the active version recovered from, of how many.

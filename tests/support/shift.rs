@@ -545,8 +545,13 @@ pub fn detail() -> Detail {
             ModeView { mode: SandboxMode::Perturbation, measures: measures() },
         ],
         drills: vec![
-            DrillView { kind: DrillKind::Rollback, candidate: [49, 50], active: [50, 50] },
-            DrillView { kind: DrillKind::Abort, candidate: [41, 50], active: [48, 50] },
+            DrillView {
+                kind: DrillKind::Rollback,
+                candidate: [49, 50],
+                active: [50, 50],
+                phases: Vec::new(),
+            },
+            DrillView { kind: DrillKind::Abort, candidate: [41, 50], active: [48, 50], phases: Vec::new() },
         ],
         decisions: vec![Explained {
             record: 371,

@@ -7,6 +7,7 @@ use super::on_record::{DossierRecord, Noted};
 use holdpoint_governance::behavior::{Component, ComponentName, component_of};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, Drills, EpisodeValues};
+use holdpoint_governance::phase::PhaseTallies;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
@@ -62,6 +63,11 @@ pub(super) fn measured(reason: &Noted, dossier: &DossierRecord) -> Option<String
             .map(|kind| (kind.name(), candidate.of(kind), active.of(kind)))
             .filter(|(_, new, _)| new.feasible() > 0)
             .map(|(kind, new, old)| format!("{kind} {} (active {})", share(new), share(old)))
+            .chain(PhaseTallies::places().filter_map(|(kind, phase)| {
+                let (new, old) = (candidate.phases.of(kind, phase), active.phases.of(kind, phase));
+                let failed = new.failed > 0;
+                failed.then(|| format!("{kind} in {phase} {} (active {})", share(new), share(old)))
+            }))
             .collect();
         return (!kinds.is_empty()).then(|| format!("drills passed: {}", kinds.join(", ")));
     }
@@ -86,6 +92,8 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         }
         // The end of an evaluation is no demand of its own: what ended it stands beside it.
         Code::BehaviorEndedEarly | Code::RecoveryEndedEarly => return None,
+        // Of the version that is active: nothing of the candidate would change it.
+        Code::RecoveryActiveWeak => return None,
         Code::BehaviorInconclusive => format!("more paired episodes are needed: {}", against(reason)),
         Code::BehaviorHardStop => {
             "what the version uses has to be declared, and the event made impossible: one of them ends an evaluation"
@@ -96,7 +104,8 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         | Code::RecoveryFarBelowFloor
         | Code::RecoveryFragile
         | Code::RecoveryConditional => weakest(reason, dossier),
-        Code::RecoveryEstablishedWorse | Code::RecoveryLeaning => {
+        Code::RecoveryPhaseFailing => format!("they have to pass in that phase too: {}", against(reason)),
+        Code::RecoveryEstablishedWorse | Code::RecoveryPhaseWorse | Code::RecoveryLeaning => {
             format!("they have to pass as often as the active version's: {}", against(reason))
         }
         Code::RecoveryNoData

@@ -1,25 +1,32 @@
-//! Recovery drills: rehearsals in the sandbox, at random points of the work.
+//! Recovery drills: rehearsals in the sandbox, at random points of every phase of the work.
 //!
-//! Passes are read from joint speeds, contacts and poses, never from what a hook returns. What is
+//! Passes are read from joint speeds, contacts, poses and the object's fate, never from what a hook returns. What is
 //! injected is the simulator's own kind of fault; what the watcher names is the runtime's: the two
 //! share no type. Sources: paper section 4.4, `rho = g(rollback, fallback, abort, detect)`; design
 //! rule 3.5.
 
-use holdpoint_body::{Command, GuardVerdict, RATE_HZ, Telemetry};
+pub mod fate;
+mod faults;
+pub mod phases;
+
+use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_sim::SimError;
-use holdpoint_sim::fault::InjectedFault;
 use holdpoint_sim::rng::{Stream, StreamPurpose as StreamOf};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
+use self::fate::{ObjectWatch, WATCH_TICKS};
+use self::faults::{Named, Notice};
 use super::undisturbed::{TrialCase, Undisturbed};
 use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_runtime::agent::dispatcher::admit;
-use holdpoint_runtime::arm::{ActuatorHandle, Arm};
+use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
+use holdpoint_runtime::handover;
 use holdpoint_runtime::recovery::{AbortRun, Standstill, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill};
 use holdpoint_runtime::task::{Supervision, TaskRun, TaskStage};
@@ -48,19 +55,17 @@ pub struct Cast<'a> {
     pub fallback: Option<&'a Capability>,
 }
 
-/// Earliest and latest point of a drill, ticks: after the first decision, before most work is done.
-const POINT_TICKS: (u64, u64) = (48, 480);
-
 /// Longest time a rollback hook may take, ticks.
 const HANDOVER_TICKS: u64 = 3 * RATE_HZ as u64;
 
-/// The earliest point that is tried, ticks.
-const POINT_MIN: u64 = 12;
+/// How long an arm is watched after its hook said it is done, before anybody stops it, ticks: 100 ms.
+const DONE_TICKS: u64 = RATE_HZ as u64 / 10;
 
-/// Tries to find a point at which the version still works.
-const POINT_TRIES: u32 = 4;
+/// The furthest the tool may go in that time and count as standing, m: what is left of braking from the 2 cm/s at which
+/// a tool counts as arrived.
+const DONE_MAX_M: f64 = 0.003;
 
-/// Runs one drill. Equal seeds give equal episodes and equal points for every version.
+/// Runs one drill at a point of the whole work. Equal seeds give equal episodes and equal points for every version.
 #[must_use]
 pub fn drill(
     worker: &mut Worker,
@@ -70,8 +75,7 @@ pub fn drill(
     kind: DrillKind,
     seed: u64,
 ) -> DrillResult {
-    let case = DrillCase { cell, terms, cast, kind, seed };
-    case.run(worker, &mut None, &[kind])
+    DrillCase { cell, terms, cast, kind, phase: None, seed }.run(worker, &mut None)
 }
 
 /// One drill of a version, and where it takes place.
@@ -81,46 +85,46 @@ pub struct DrillCase<'a> {
     pub terms: &'a SkillTerms,
     pub cast: &'a Cast<'a>,
     pub kind: DrillKind,
+    /// The phase of the work in which it begins; any, if none is named.
+    pub phase: Option<WorkPhase>,
     pub seed: u64,
 }
 
 impl DrillCase<'_> {
     /// Works it. What is undisturbed of it is gone on from if it is given, and left behind for the other kinds of
-    /// drill among `kinds`, which begin with the same work. The result is the same either way.
+    /// drill in the same phase. The result is the same either way. Infeasible where the version never comes to the
+    /// phase under this seed.
     #[must_use]
-    pub fn run(
-        &self,
-        worker: &mut Worker,
-        shared: &mut Option<Undisturbed>,
-        kinds: &[DrillKind],
-    ) -> DrillResult {
-        let trial = self.trial();
-        let begun = match shared.take() {
-            Some(begun) => Ok(begun),
-            None => {
-                let points = kinds.iter().map(|kind| first_point(*kind, self.seed).1).collect();
-                Undisturbed::begin(worker, &trial, points)
-            }
-        };
-        let Ok(mut work) = begun else { return DrillResult::Infeasible };
-        let (stream, mut point) = first_point(self.kind, self.seed);
-        for _ in 0..POINT_TRIES {
-            match work.reach(worker, &trial, point) {
-                Ok(Some(run)) => {
-                    let passed = self.at_point(worker, run, stream);
-                    *shared = Some(work);
-                    return match passed {
-                        Ok(true) => DrillResult::Passed,
-                        Ok(false) => DrillResult::Failed,
-                        Err(_) => DrillResult::Infeasible,
-                    };
-                }
-                Ok(None) => point = (point / 2).max(POINT_MIN),
-                Err(_) => return DrillResult::Infeasible,
-            }
+    pub fn run(&self, worker: &mut Worker, shared: &mut Option<Undisturbed>) -> DrillResult {
+        match self.work(worker, shared) {
+            Ok(Some(true)) => DrillResult::Passed,
+            Ok(Some(false)) => DrillResult::Failed,
+            Ok(None) | Err(_) => DrillResult::Infeasible,
         }
-        *shared = Some(work);
-        DrillResult::Infeasible
+    }
+
+    fn work(&self, worker: &mut Worker, shared: &mut Option<Undisturbed>) -> Result<Option<bool>, SimError> {
+        let trial = self.trial();
+        let work = match shared.take() {
+            Some(begun) => begun,
+            None => Undisturbed::begin(worker, &trial, self.phase)?,
+        };
+        let work = shared.insert(work);
+        let trace = work.trace(worker, &trial)?;
+        let mut stream = self.stream();
+        let Some(point) = self.point(&trace.points(self.phase), &mut stream) else { return Ok(None) };
+        let fault = match self.kind {
+            DrillKind::Detect => {
+                let (within, limits) = (self.terms.detect_ticks, self.terms.watch());
+                let held = trace.is_held(point);
+                Notice { trace, point, within, limits, held }.draw(&mut stream)
+            }
+            DrillKind::Rollback | DrillKind::Fallback | DrillKind::Abort => None,
+        };
+        match work.reach(worker, &trial, point)? {
+            Some(run) => self.at_point(worker, run, fault),
+            None => Ok(None),
+        }
     }
 
     /// The work it begins with.
@@ -130,28 +134,43 @@ impl DrillCase<'_> {
         TrialCase { cell, terms, version: cast.version, conditions: Conditions::Canonical, seed }
     }
 
-    /// The drill itself, from where the worker's arm stands.
-    fn at_point(&self, worker: &mut Worker, run: TaskRun, mut stream: Stream) -> Result<bool, SimError> {
+    /// What the point, then the rest of the drill, is drawn from.
+    fn stream(&self) -> Stream {
+        Stream::new(self.seed ^ (self.kind as u64 + 1).wrapping_mul(0x9e37_79b9), StreamOf::Drill)
+    }
+
+    /// One of the ticks at which it may begin, drawn evenly. None if the work shows the phase too shortly.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    fn point(&self, points: &[u64], stream: &mut Stream) -> Option<u64> {
+        let at = stream.uniform(0.0, points.len() as f64) as usize;
+        let shown = self.phase.is_none() || points.len() >= WorkPhase::SHOWN_TICKS;
+        points.get(at.min(points.len().saturating_sub(1))).copied().filter(|_| shown)
+    }
+
+    /// The drill itself, from where the worker's arm stands. `None`: there was nothing to rehearse.
+    fn at_point(
+        &self,
+        worker: &mut Worker,
+        run: TaskRun,
+        fault: Option<Named>,
+    ) -> Result<Option<bool>, SimError> {
         let arm = worker.built_arm()?;
-        let (mut skill, guard) = run.into_skill_and_guard();
+        let (mut skill, guard, watcher) = run.into_parts();
         let Self { terms, cast, seed, .. } = *self;
-        let mut drill = StartedDrill { arm, guard, terms, cast, seed };
-        match self.kind {
-            DrillKind::Abort => drill.abort(skill.as_mut()),
-            DrillKind::Rollback => drill.rollback(skill.as_mut()),
-            DrillKind::Fallback => drill.fallback(skill.as_mut()),
-            DrillKind::Detect => drill.detect(skill.as_mut(), &mut stream),
+        let object = ObjectWatch::new(arm.body(), guard.envelope().grip_force_max_n);
+        let mut drill = StartedDrill { arm, guard, terms, cast, seed, object };
+        match (self.kind, fault) {
+            (DrillKind::Abort, _) => drill.abort(skill.as_mut()).map(Some),
+            (DrillKind::Rollback, _) => drill.rollback(skill.as_mut()).map(Some),
+            (DrillKind::Fallback, _) => drill.fallback(skill.as_mut()).map(Some),
+            // What was named before the fault is not named again, and an error that is there is none of the fault's.
+            (DrillKind::Detect, Some((_, named_by))) if named_by.iter().any(|by| watcher.has(*by)) => {
+                Ok(None)
+            }
+            (DrillKind::Detect, Some(fault)) => drill.detect(skill.as_mut(), watcher, fault).map(Some),
+            (DrillKind::Detect, None) => Ok(None),
         }
     }
-}
-
-/// The point that is tried first, ticks, and the stream that the drill draws the rest from.
-fn first_point(kind: DrillKind, seed: u64) -> (Stream, u64) {
-    let mut stream = Stream::new(seed ^ (kind as u64 + 1).wrapping_mul(0x9e37_79b9), StreamOf::Drill);
-    let (from, to) = POINT_TICKS;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    let point = stream.uniform(from as f64, to as f64) as u64;
-    (stream, point)
 }
 
 /// What counts as a stop of the arm; without a violation either way.
@@ -169,13 +188,14 @@ struct StartedDrill<'a, 'b> {
     terms: &'a SkillTerms,
     cast: &'a Cast<'b>,
     seed: u64,
+    object: ObjectWatch,
 }
 
 impl StartedDrill<'_, '_> {
-    /// Standstill in a safe pose within the declared time, without a violation, by the hook alone.
+    /// Standstill in a safe pose within the declared time, without a violation, by the hook alone, and nothing done
+    /// to the object then or in the time after it.
     fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
-        let held = holds_object(&self.arm.body().telemetry());
-        Ok(self.stop(skill, StopRule::HookAlone)? && safe_pose(held, &self.arm.body().telemetry()))
+        Ok(self.stop(skill, StopRule::HookAlone)? && self.ends_safely()?)
     }
 
     /// Whether the arm is stopped as it must be. Ends as soon as it is certain that it is not: what follows could
@@ -187,8 +207,9 @@ impl StartedDrill<'_, '_> {
         let mut handle = self.arm.handle();
         loop {
             let ended = abort.step(&mut handle, skill, &mut self.guard, &mut watcher)?;
+            self.object.observe(handle.body());
             let touched = rule == StopRule::HookAlone && watcher.has(WatcherSignal::UnexpectedContact);
-            if abort.violation().is_some() || touched {
+            if abort.violation().is_some() || touched || self.object.harm().is_some() {
                 return Ok(false);
             }
             if let Some(report) = ended {
@@ -204,33 +225,58 @@ impl StartedDrill<'_, '_> {
         }
     }
 
-    /// The hook hands over, the predecessor is admitted and goes on from there to its end.
+    /// Holds the arm where it stands, as the live descent does, and looks what becomes of the object.
+    fn ends_safely(&mut self) -> Result<bool, SimError> {
+        let mut handle = self.arm.handle();
+        handle.interrupt(Interrupt::Stop);
+        for _ in 0..WATCH_TICKS {
+            handle.step(&Command::Hold)?;
+            self.object.observe(handle.body());
+            if self.object.harm().is_some() {
+                return Ok(false);
+            }
+        }
+        let world = handle.body();
+        Ok(self.object.fate(world).is_safe() && !handover::touches(world.contacts()))
+    }
+
+    /// The hook hands over in a pose that is safe, and from where it left arm and object the predecessor goes on to its
+    /// end; where nothing is left to do, it is ready.
     fn rollback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
-        let held = holds_object(&self.arm.body().telemetry());
-        if !self.hand_over(skill)? || !safe_pose(held, &self.arm.body().telemetry()) {
+        if !self.hand_over(skill)? || handover::touches(self.arm.body().contacts()) {
             return Ok(false);
         }
-        self.take_over(self.cast.predecessor, true)
+        let passed = if self.arm.body().inspect() {
+            let task = self.cast.version.bundle.task();
+            self.arm.body_mut().begin_task(task);
+            let mut next = self.cast.predecessor.start(self.terms.bundle_seed(self.seed));
+            let mut guard = self.terms.guard(&self.cast.predecessor.manifest.permissions);
+            handover::ready(&mut self.arm.handle(), &mut guard, next.as_mut())?.failure.is_none()
+        } else {
+            self.take_over(self.cast.predecessor, true)?
+        };
+        Ok(passed && self.ends_safely()?)
     }
 
     /// The safe-abort hook stops the arm, the bound fallback takes over and ends safely.
     fn fallback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
         let Some(fallback) = self.cast.fallback else { return Ok(false) };
-        let held = holds_object(&self.arm.body().telemetry());
         if !self.stop(skill, StopRule::HookOrInterrupt)? {
             return Ok(false);
         }
-        self.arm.body_mut().interrupt(holdpoint_body::Interrupt::Release);
-        Ok(self.take_over(fallback, false)? && safe_pose(held, &self.arm.body().telemetry()))
+        self.arm.body_mut().interrupt(Interrupt::Release);
+        Ok(self.take_over(fallback, false)? && self.ends_safely()?)
     }
 
-    /// A fault is injected; the watcher, or the skill by a declared signal, names it in time.
-    fn detect(&mut self, skill: &mut dyn Skill, stream: &mut Stream) -> Result<bool, SimError> {
-        let held = holds_object(&self.arm.body().telemetry());
-        let (fault, named_by) = choose_fault(held, stream);
+    /// A fault is injected; the watcher that has seen the work so far, or the skill by a declared signal, names it in
+    /// time.
+    fn detect(
+        &mut self,
+        skill: &mut dyn Skill,
+        mut watcher: Watcher,
+        (fault, named_by): Named,
+    ) -> Result<bool, SimError> {
         self.arm.body_mut().inject(fault);
-        let task = self.cast.version.bundle.task();
-        let mut watcher = Watcher::new(task, *self.terms.watch());
         let declared = &self.cast.version.manifest.recovery.failure_signals;
         let mut verdict = GuardVerdict::Allowed;
         let mut handle = self.arm.handle();
@@ -253,27 +299,53 @@ impl StartedDrill<'_, '_> {
         Ok(false)
     }
 
-    /// Lets the rollback hook work until it says it is done and the arm stands.
+    /// Lets the rollback hook work until it says it is done. The arm has to stand by then: who takes over a live arm
+    /// that moves meets it where it is not.
     fn hand_over(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
         if self.cast.version.manifest.recovery.rollback_hook.is_none() {
             return Ok(false);
         }
         skill.enter(Hook::Rollback);
         let mut verdict = GuardVerdict::Allowed;
-        let mut handle = self.arm.handle();
-        let mut seen = handle.telemetry();
+        let mut seen = self.arm.body().telemetry();
         for _ in 0..HANDOVER_TICKS {
+            let mut handle = self.arm.handle();
             let observation = handle.observe(verdict);
             let asked = skill.tick(&observation);
             let checked = self.guard.check(&asked, &seen);
             verdict = checked.verdict;
             handle.step(&checked.command)?;
             seen = handle.telemetry();
-            if self.guard.measure(&seen).is_some() {
+            self.object.observe(handle.body());
+            if self.guard.measure(&seen).is_some() || self.object.harm().is_some() {
                 return Ok(false);
             }
             if matches!(asked, Command::Done) {
-                return settle(&mut handle);
+                return self.stands_where_it_is_done();
+            }
+        }
+        Ok(false)
+    }
+
+    /// Whether the arm stands by itself, and then when it is stopped (a redundant arm may go on turning about a tool
+    /// that stands): within half a second.
+    fn stands_where_it_is_done(&mut self) -> Result<bool, SimError> {
+        let mut handle = self.arm.handle();
+        let from = handle.telemetry().tool;
+        for _ in 0..DONE_TICKS {
+            handle.step(&Command::Hold)?;
+            self.object.observe(handle.body());
+        }
+        if !(from.distance_m(&handle.telemetry().tool) <= DONE_MAX_M) {
+            return Ok(false);
+        }
+        handle.step(&Command::Stop)?;
+        let mut standstill = Standstill::default();
+        for _ in 0..RATE_HZ / 2 {
+            handle.step(&Command::Hold)?;
+            self.object.observe(handle.body());
+            if standstill.observe(&handle.telemetry()) {
+                return Ok(self.object.harm().is_none());
             }
         }
         Ok(false)
@@ -289,64 +361,23 @@ impl StartedDrill<'_, '_> {
         let guard = self.terms.guard(&next.manifest.permissions);
         let terms = self.terms.task(self.cast.version.bundle.task(), self.seed, next.abort_secs());
         let mut run = TaskRun::new(next.start(self.terms.bundle_seed(self.seed)), guard, terms);
+        let object = &mut self.object;
         let mut handle = self.arm.handle();
         loop {
-            let stage = run.tick(&mut handle, &mut |_, _| Supervision::Continue)?;
+            let stage = run.tick(&mut handle, &mut |handle, _| {
+                object.observe(handle.body());
+                Supervision::Continue
+            })?;
             let record = run.record();
-            // None of the three is ever taken back, so the rest of the work can change nothing.
-            if record.violation || record.recovery || record.hard_stop.is_some() {
+            // None of them is ever taken back, so the rest of the work can change nothing.
+            let lost = record.violation || record.recovery || record.hard_stop.is_some();
+            if lost || object.harm().is_some() {
                 return Ok(false);
             }
             if stage == TaskStage::Over {
                 return Ok(record.success || !succeed);
             }
         }
-    }
-}
-
-/// Stops the arm (a redundant arm may go on turning about a tool that stands) and waits up to half
-/// a second for a standstill.
-fn settle(handle: &mut ActuatorHandle<'_, World>) -> Result<bool, SimError> {
-    handle.step(&Command::Stop)?;
-    let mut standstill = Standstill::default();
-    for _ in 0..RATE_HZ / 2 {
-        handle.step(&Command::Hold)?;
-        if standstill.observe(&handle.telemetry()) {
-            return Ok(true);
-        }
-    }
-    Ok(false)
-}
-
-fn holds_object(seen: &Telemetry) -> bool {
-    seen.contacts.pad_object && seen.gripper_force_n > 1.0
-}
-
-/// Nothing is touched that should not be, and what was in the hand was not let fall.
-fn safe_pose(held_before: bool, seen: &Telemetry) -> bool {
-    let contacts = &seen.contacts;
-    let touches = contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot;
-    // An object may be let go if it stands on something.
-    let dropped = held_before && !holds_object(seen) && !contacts.object_fixture;
-    let thrown = held_before && !holds_object(seen) && seen.tool.position[2] > 0.06;
-    !touches && !dropped && !thrown
-}
-
-/// Picks a fault that can be noticed in the present state, and the signals that name it.
-fn choose_fault(held: bool, stream: &mut Stream) -> (InjectedFault, &'static [WatcherSignal]) {
-    let pick = stream.uniform(0.0, 1.0);
-    if held {
-        if pick < 0.5 {
-            (InjectedFault::GripLost, &[WatcherSignal::ObjectLost, WatcherSignal::ObjectSlip])
-        } else {
-            (InjectedFault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
-        }
-    } else if pick < 0.34 {
-        (InjectedFault::CameraLost, &[WatcherSignal::StaleInput])
-    } else if pick < 0.67 {
-        (InjectedFault::JointStuck { joint: 3 }, &[WatcherSignal::TrackingError])
-    } else {
-        (InjectedFault::ToolDead, &[WatcherSignal::ToolLost, WatcherSignal::GripFault])
     }
 }
 

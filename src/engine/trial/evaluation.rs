@@ -6,7 +6,7 @@
 
 use crate::fault::Fault;
 use crate::trial::drills::DrillResult;
-use crate::trial::lab::{Lab, Outlook, Party};
+use crate::trial::lab::{DrillSpot, Lab, Outlook, Party};
 use crate::trial::reuse::Reuse;
 use crate::trial::seeds::{Purpose, episode_seed};
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
@@ -15,6 +15,7 @@ use holdpoint_governance::ended::EndReason;
 use holdpoint_governance::evidence::{
     Binding, DrillKind, DrillTally, Drills, HardStop, Pair, PairedEvidence, RecoveryEvidence,
 };
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, RecoveryAssessment};
 use holdpoint_runtime::task::TaskRecord;
@@ -30,6 +31,13 @@ const SUSPECT_FROM: u32 = 5;
 
 /// Most episodes and drills tried for the budget: some have no valid start.
 const ATTEMPTS_FACTOR: u64 = 2;
+
+/// Pieces of the active version's undisturbed work in which its phases are looked for, on the first seeds of the drills.
+const PHASE_PROBES: u64 = 5;
+
+/// Pieces of them in which a phase has to show: one that a fifth of all seeds lack still gets its quota, because twice
+/// the budget is tried.
+const PHASE_SHOWN_IN: usize = 4;
 
 /// What is to be worked, and on which seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,8 +156,8 @@ impl Reached {
             NextSlice::Drills(kind) => {
                 self.drills_tried[kind as usize] = range.end;
                 for _ in range {
-                    tally(self.drills.0.of_mut(kind), &[DrillResult::Passed]);
-                    tally(self.drills.1.of_mut(kind), &[DrillResult::Passed]);
+                    tally(&mut self.drills.0, kind, &[], &[DrillResult::Passed]);
+                    tally(&mut self.drills.1, kind, &[], &[DrillResult::Passed]);
                 }
             }
         }
@@ -175,6 +183,8 @@ pub struct Evaluation {
     binding: Binding,
     pairs: Vec<Pair>,
     hard_stops: Vec<HardStop>,
+    /// The phases that drills are dealt round, once they are known.
+    phases: Option<Vec<WorkPhase>>,
     drills: (Drills, Drills),
     pairs_tried: u64,
     drills_tried: [u64; DrillKind::ALL.len()],
@@ -201,6 +211,7 @@ impl Evaluation {
             binding,
             pairs: Vec::new(),
             hard_stops,
+            phases: None,
             drills: (Drills::default(), Drills::default()),
             pairs_tried: 0,
             drills_tried: [0; DrillKind::ALL.len()],
@@ -289,6 +300,9 @@ impl Evaluation {
             self.reuse.check_part(lab, active)?;
             return Ok(None);
         }
+        if self.phases.is_none() {
+            self.phases = Some(self.phases_of(lab, active)?);
+        }
         let mut records = Vec::new();
         let before = self.tried();
         let turn = self.next_turn();
@@ -317,13 +331,24 @@ impl Evaluation {
         Ok(Some(Slice { what, worked: self.tried() - before, done: self.done(), records }))
     }
 
+    /// The phases that the active version's work shows, of which every kind of drill gets its quota.
+    fn phases_of(&self, lab: &Lab<'_>, active: &Party) -> Result<Vec<WorkPhase>, Fault> {
+        let seeds: Vec<u64> =
+            (0..PHASE_PROBES).map(|index| episode_seed(lab.seed, self.plan.drill_seeds, index)).collect();
+        let shown = lab.phases(active, &seeds)?;
+        let is_shown = |phase: &WorkPhase| {
+            shown.iter().filter(|phases| phases.contains(phase)).count() >= PHASE_SHOWN_IN
+        };
+        Ok(WorkPhase::ALL.into_iter().filter(is_shown).collect())
+    }
+
     fn pair_slice(
         &mut self,
         lab: &Lab<'_>,
         candidate: &Party,
         active: &Party,
     ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, Fault> {
-        let seeds = self.seeds(lab, &self.standing(), NextSlice::Pairs);
+        let seeds = self.seeds(lab, &self.standing());
         let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.pairs(candidate, active, next, &mut self.reuse)?;
@@ -350,19 +375,19 @@ impl Evaluation {
         active: &Party,
         kind: DrillKind,
     ) -> Result<bool, Fault> {
-        let seeds = self.seeds(lab, &self.standing(), NextSlice::Drills(kind));
-        let open = seeds.get(self.part.drills.0.len()..).unwrap_or_default();
+        let spots = self.spots(lab, &self.standing(), kind);
+        let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.drills(candidate, active, kind, next, &mut self.reuse)?;
         self.part.drills.0.extend(worked.0);
         self.part.drills.1.extend(worked.1);
-        if self.part.drills.0.len() < seeds.len() {
+        if self.part.drills.0.len() < spots.len() {
             return Ok(false);
         }
         let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
         self.drills_tried[kind as usize] += DRILLS_A_SLICE;
-        tally(self.drills.0.of_mut(kind), &of_candidate);
-        tally(self.drills.1.of_mut(kind), &of_active);
+        tally(&mut self.drills.0, kind, &spots, &of_candidate);
+        tally(&mut self.drills.1, kind, &spots, &of_active);
         Ok(true)
     }
 
@@ -380,13 +405,20 @@ impl Evaluation {
         self.standing().next(&self.plan)
     }
 
-    fn seeds(&self, lab: &Lab<'_>, standing: &Reached, slice: NextSlice) -> Vec<u64> {
-        let purpose = match slice {
-            NextSlice::Pairs => self.plan.pair_seeds,
-            NextSlice::Drills(_) => self.plan.drill_seeds,
+    fn seeds(&self, lab: &Lab<'_>, standing: &Reached) -> Vec<u64> {
+        let range = standing.range(&self.plan, NextSlice::Pairs);
+        range.map(|index| episode_seed(lab.seed, self.plan.pair_seeds, index)).collect()
+    }
+
+    /// Where the drills of a slice begin: dealt round the phases by their place, and so the same for both versions.
+    fn spots(&self, lab: &Lab<'_>, standing: &Reached, kind: DrillKind) -> Vec<DrillSpot> {
+        let phases = self.phases.as_deref().unwrap_or_default();
+        let spot = |index: u64| {
+            let turn = index.checked_rem(phases.len() as u64).and_then(|turn| usize::try_from(turn).ok());
+            let seed = episode_seed(lab.seed, self.plan.drill_seeds, index);
+            DrillSpot { seed, phase: turn.and_then(|turn| phases.get(turn).copied()) }
         };
-        let range = standing.range(&self.plan, slice);
-        range.map(|index| episode_seed(lab.seed, purpose, index)).collect()
+        standing.range(&self.plan, NextSlice::Drills(kind)).map(spot).collect()
     }
 
     /// What will be asked for after the slice at hand, the rest of it included, if nothing ends the evaluation and no
@@ -397,12 +429,19 @@ impl Evaluation {
         let (mut next, mut slices) = (Some(slice), Vec::new());
         for _ in 0..=SLICES_AHEAD {
             let Some(slice) = next else { break };
-            let seeds = self.seeds(lab, &standing, slice);
-            let open = seeds.get(worked..).unwrap_or_default();
-            slices.extend(open.chunks(lab.part.max(1)).map(|part| match slice {
-                NextSlice::Pairs => Outlook::Pairs(part.to_vec()),
-                NextSlice::Drills(kind) => Outlook::Drills(kind, part.to_vec()),
-            }));
+            let part = lab.part.max(1);
+            match slice {
+                NextSlice::Pairs => {
+                    let seeds = self.seeds(lab, &standing);
+                    let open = seeds.get(worked..).unwrap_or_default();
+                    slices.extend(open.chunks(part).map(|part| Outlook::Pairs(part.to_vec())));
+                }
+                NextSlice::Drills(kind) => {
+                    let spots = self.spots(lab, &standing, kind);
+                    let open = spots.get(worked..).unwrap_or_default();
+                    slices.extend(open.chunks(part).map(|part| Outlook::Drills(kind, part.to_vec())));
+                }
+            }
             worked = 0;
             standing.suppose(&self.plan, slice);
             next = standing.next(&self.plan);
@@ -440,142 +479,24 @@ impl Evaluation {
     }
 }
 
-fn tally(tally: &mut DrillTally, results: &[DrillResult]) {
-    for result in results {
-        let count = match result {
-            DrillResult::Passed => &mut tally.passed,
-            DrillResult::Failed => &mut tally.failed,
-            DrillResult::Infeasible => &mut tally.infeasible,
-        };
-        *count = count.saturating_add(1);
+/// Counts drills of one kind, each where it began.
+fn tally(drills: &mut Drills, kind: DrillKind, spots: &[DrillSpot], results: &[DrillResult]) {
+    for (place, result) in results.iter().enumerate() {
+        count(drills.of_mut(kind), *result);
+        if let Some(phase) = spots.get(place).and_then(|spot| spot.phase) {
+            count(drills.phases.of_mut(kind, phase), *result);
+        }
     }
+}
+
+const fn count(tally: &mut DrillTally, result: DrillResult) {
+    let count = match result {
+        DrillResult::Passed => &mut tally.passed,
+        DrillResult::Failed => &mut tally.failed,
+        DrillResult::Infeasible => &mut tally.infeasible,
+    };
+    *count = count.saturating_add(1);
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cell::Cell;
-    use crate::trial::crew::Crew;
-    use crate::trial::seeds::CALIBRATION_FROM_RUN;
-    use crate::trial::undisturbed::Shelf;
-    use holdpoint_governance::ids::Digest;
-    use holdpoint_governance::policy::PolicyTable;
-    use holdpoint_governance::profile::ProfileName;
-    use holdpoint_registry::Store;
-    use holdpoint_runtime::capability::{self, Capability};
-    use holdpoint_runtime::terms::SkillTerms;
-    use std::path::Path;
-    use std::sync::Arc;
-    use std::sync::atomic::AtomicBool;
-
-    fn small() -> Profile {
-        let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
-        profile.evaluation.sandbox_pairs = 50;
-        profile.evaluation.drills_per_kind = 20;
-        profile
-    }
-
-    fn binding() -> Binding {
-        let digest = Digest::of_parts("test", &[]);
-        Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest }
-    }
-
-    /// Both versions on calibration seeds, from their folders under `manifests/`.
-    fn evaluate(candidate: &str, active: &str, profile: &Profile) -> (Evaluation, Vec<String>) {
-        evaluate_in_parts(candidate, active, profile, usize::MAX)
-    }
-
-    fn evaluate_in_parts(
-        candidate: &str,
-        active: &str,
-        profile: &Profile,
-        part: usize,
-    ) -> (Evaluation, Vec<String>) {
-        let cell = Cell::builtin().unwrap();
-        let table = Arc::new(PolicyTable::builtin(profile).unwrap());
-        let terms = SkillTerms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
-        let party = |folder: &str| {
-            let manifests = Path::new(crate::MANIFESTS);
-            let path = manifests.join(folder);
-            let version = Capability::load(folder, capability::read(&path).unwrap()).unwrap();
-            let park = Capability::load("park", capability::read(&manifests.join("park/1.0.0")).unwrap());
-            Party { version, terms: terms.clone(), fallback: park.ok() }
-        };
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(folder.path()).unwrap();
-        let cancel = AtomicBool::new(false);
-        let lab = Lab {
-            seed: CALIBRATION_FROM_RUN + 1,
-            crew: &Crew::new(2),
-            undisturbed: &Arc::new(Shelf::new()),
-            part,
-            cancel: &cancel,
-            cell: &cell,
-            cells: store.cells(),
-        };
-        let (candidate, active) = (party(candidate), party(active));
-        let mut evaluation = Evaluation::new(Plan::sandbox(profile), binding(), Vec::new());
-        let mut order = Vec::new();
-        while evaluation.ended().is_none() {
-            let step = evaluation.step(&lab, &candidate, &active, profile).unwrap();
-            order.extend(step.map(|slice| slice.what));
-        }
-        (evaluation, order)
-    }
-
-    #[test]
-    fn pairs_and_drills_take_turns_until_the_budget_is_worked() {
-        let profile = small();
-        let (evaluation, order) = evaluate("align/1.0.0", "align/1.0.0", &profile);
-        assert_eq!(evaluation.ended(), Some(EndReason::Full));
-        let pairs = evaluation.paired().pairs;
-        assert_eq!(pairs.len(), 50);
-        assert!(pairs.iter().all(|pair| pair.active == pair.candidate), "one version against itself");
-        let rehearsed = evaluation.rehearsed();
-        assert_eq!(evaluation.done(), evaluation.plan.budget());
-        for kind in DrillKind::ALL {
-            assert!(rehearsed.candidate.of(kind).feasible() >= 20, "{kind:?}");
-        }
-        let first = ["paired episodes", "rollback drills", "paired episodes", "fallback drills"];
-        assert_eq!(order[..4], first);
-        assert_eq!(order.iter().filter(|what| *what == "paired episodes").count(), 3);
-    }
-
-    #[test]
-    fn a_candidate_that_cannot_stop_is_lost_early() {
-        let profile = small();
-        let (evaluation, _) = evaluate("candidates/align-no-stop", "align/1.0.0", &profile);
-        assert!(matches!(
-            evaluation.ended(),
-            Some(EndReason::HardStop | EndReason::Curtailed | EndReason::FinitePopulation { .. })
-        ));
-        assert!(evaluation.done() < evaluation.plan.budget(), "{} done", evaluation.done());
-        let (_, recovery) = evaluation.assess(&profile);
-        assert_eq!(recovery.assessment.outcome, holdpoint_governance::outcome::RecoveryOutcome::Incompatible);
-    }
-
-    #[test]
-    fn parts_of_a_slice_change_no_result() {
-        let mut profile = small();
-        profile.evaluation.sandbox_pairs = 20;
-        profile.evaluation.drills_per_kind = 10;
-        let (whole, order) = evaluate("align/1.0.0", "align/1.0.0", &profile);
-        let (parts, same) = evaluate_in_parts("align/1.0.0", "align/1.0.0", &profile, 3);
-        assert_eq!(order, same);
-        assert_eq!(whole.paired(), parts.paired());
-        assert_eq!(whole.rehearsed(), parts.rehearsed());
-    }
-
-    #[test]
-    fn what_is_tried_again_does_not_exceed_the_budget() {
-        let mut evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), Vec::new());
-        evaluation.drills_tried = [10, 20, 30, 40];
-        assert_eq!((evaluation.tried(), evaluation.done()), (100, 10 + 3 * 20));
-    }
-
-    #[test]
-    fn a_hard_stop_before_the_first_pair_ends_it() {
-        let evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
-        assert_eq!(evaluation.ended(), Some(EndReason::HardStop));
-    }
-}
+mod tests;

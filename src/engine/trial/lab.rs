@@ -11,13 +11,14 @@ use super::drills::{Cast, DrillCase, DrillResult};
 use super::episodes::{alone, cache_key, pair};
 use super::reuse::{Reuse, Taken, value};
 use super::seeds::{Purpose, episode_seed};
-use super::undisturbed::{Shelf, TrialCase};
+use super::undisturbed::{Shelf, TrialCase, Undisturbed};
 use super::worker::Worker;
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::kept::KeptWork;
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_registry::{EpisodeKey, Found, KeptCells};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
@@ -31,13 +32,23 @@ pub enum ErrandOutcome {
     /// The same episode of both: the candidate's, the active version's.
     Pair(Box<[TaskRecord; 2]>),
     Drill(DrillResult),
+    /// The phases that undisturbed work shows.
+    Phases(Vec<WorkPhase>),
+}
+
+/// Where a drill begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DrillSpot {
+    pub seed: u64,
+    /// Anywhere in the work, if none is named.
+    pub phase: Option<WorkPhase>,
 }
 
 /// What a lab may be asked for next.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outlook {
     Pairs(Vec<u64>),
-    Drills(DrillKind, Vec<u64>),
+    Drills(DrillKind, Vec<DrillSpot>),
 }
 
 /// The cell, the workers and the cache that evaluations share.
@@ -147,7 +158,7 @@ impl Lab<'_> {
             }
             if let Some(KeptResult { result, own }) = &known {
                 let value = value(&serde_json::to_vec(result)?);
-                reuse.take(Taken { work: KeptWork::Episodes, seed: *seed, value, own: *own });
+                reuse.take(Taken { work: KeptWork::Episodes, phase: None, seed: *seed, value, own: *own });
             }
             let Some(old) = fresh.or(known.map(|kept| kept.result)) else { break };
             pairs.push((new, old));
@@ -184,8 +195,20 @@ impl Lab<'_> {
         Ok(worked)
     }
 
-    /// Drills of one kind on the given seeds, with both versions: the candidate's results, the active version's. Says
-    /// which were kept.
+    /// The phases that a version's undisturbed work shows, seed by seed.
+    ///
+    /// # Errors
+    /// As [`Lab::episodes`].
+    pub fn phases(&self, party: &Party, seeds: &[u64]) -> Result<Vec<Vec<WorkPhase>>, Fault> {
+        let table = self.table(party, party);
+        let outcomes = self.crew.work(seeds.iter().map(|seed| table.phases(*seed)).collect(), self.cancel)?;
+        let phases = outcomes.into_iter().map(ErrandOutcome::phases).collect::<Result<Vec<_>, Fault>>()?;
+        complete(&phases, seeds.len())?;
+        Ok(phases)
+    }
+
+    /// Drills of one kind in the given phases on the given seeds, with both versions: the candidate's results, the active
+    /// version's. Says which were kept.
     ///
     /// # Errors
     /// As [`Lab::episodes`].
@@ -194,31 +217,32 @@ impl Lab<'_> {
         candidate: &Party,
         active: &Party,
         kind: DrillKind,
-        seeds: &[u64],
+        spots: &[DrillSpot],
         reuse: &mut Reuse,
     ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), Fault> {
-        let known = self.kept_drills(active, kind, seeds, reuse);
+        let known = self.kept_drills(active, kind, spots, reuse);
         let table = self.table(candidate, active);
-        let outcomes = self.crew.work(table.drills(kind, seeds, known.is_some()), self.cancel)?;
+        let outcomes = self.crew.work(table.drills(kind, spots, known.is_some()), self.cancel)?;
         let results = outcomes.into_iter().map(ErrandOutcome::drill).collect::<Result<Vec<_>, Fault>>()?;
         let mut of_candidate = results;
         let of_active = match known {
             Some(KeptResult { result: known, own }) => {
-                for (seed, result) in seeds.iter().zip(&known) {
+                for (DrillSpot { seed, phase }, result) in spots.iter().zip(&known) {
                     let value = value(&serde_json::to_vec(result)?);
-                    reuse.take(Taken { work: KeptWork::Drills(kind), seed: *seed, value, own });
+                    let work = KeptWork::Drills(kind);
+                    reuse.take(Taken { work, phase: *phase, seed: *seed, value, own });
                 }
                 known
             }
             None => {
-                let of_active = of_candidate.split_off(seeds.len().min(of_candidate.len()));
-                complete(&of_active, seeds.len())?;
-                let key = self.drill_key(active, kind, seeds);
+                let of_active = of_candidate.split_off(spots.len().min(of_candidate.len()));
+                complete(&of_active, spots.len())?;
+                let key = self.drill_key(active, kind, spots);
                 self.cells.put(&key, &serde_json::to_vec(&of_active)?)?;
                 of_active
             }
         };
-        complete(&of_candidate, seeds.len())?;
+        complete(&of_candidate, spots.len())?;
         Ok((of_candidate, of_active))
     }
 
@@ -242,9 +266,9 @@ impl Lab<'_> {
                     let pair = |seed: &u64| table.pair(*seed, known(*seed).is_some());
                     errands.extend(seeds.iter().map(pair));
                 }
-                Outlook::Drills(kind, seeds) => {
-                    let known = self.kept_drills(active, *kind, seeds, &mut unsaid).is_some();
-                    errands.extend(table.drills(*kind, seeds, known));
+                Outlook::Drills(kind, spots) => {
+                    let known = self.kept_drills(active, *kind, spots, &mut unsaid).is_some();
+                    errands.extend(table.drills(*kind, spots, known));
                 }
             }
         }
@@ -277,16 +301,16 @@ impl Lab<'_> {
     pub fn again(
         &self,
         active: &Party,
-        kept: impl Iterator<Item = (KeptWork, u64)>,
+        kept: impl Iterator<Item = (KeptWork, DrillSpot)>,
     ) -> Result<Vec<Vec<u8>>, Fault> {
         let table = self.table(active, active);
         let outcomes =
-            self.crew.work(kept.map(|(work, seed)| table.again(work, seed)).collect(), self.cancel)?;
+            self.crew.work(kept.map(|(work, spot)| table.again(work, spot)).collect(), self.cancel)?;
         let mut bytes = Vec::with_capacity(outcomes.len());
         for outcome in outcomes {
             bytes.push(match outcome {
                 ErrandOutcome::Drill(result) => serde_json::to_vec(&result)?,
-                ErrandOutcome::Alone(_) | ErrandOutcome::Pair(_) => {
+                ErrandOutcome::Alone(_) | ErrandOutcome::Pair(_) | ErrandOutcome::Phases(_) => {
                     serde_json::to_vec(&without_path(&outcome.pair()?.0))?
                 }
             });
@@ -304,14 +328,18 @@ impl Lab<'_> {
         key(&party.version, scenario, seed)
     }
 
-    fn drill_key(&self, party: &Party, kind: DrillKind, seeds: &[u64]) -> Digest {
-        let first = seeds.first().copied().unwrap_or(0);
+    fn drill_key(&self, party: &Party, kind: DrillKind, spots: &[DrillSpot]) -> Digest {
+        let first = spots.first().map_or(0, |spot| spot.seed);
         let under = cache_key(self.cell, &party.terms, &party.version, Conditions::Canonical, first);
-        let count = (seeds.len() as u64).to_le_bytes();
+        let count = (spots.len() as u64).to_le_bytes();
+        let phases: Vec<&str> =
+            spots.iter().map(|spot| spot.phase.map_or("anywhere", WorkPhase::name)).collect();
+        let phases = phases.join(",");
         // Who takes over decides what a drill comes to as well; an active version's predecessor is itself.
         let fallback = party.fallback.as_ref().map_or(under, Capability::digest);
-        let parts = [under.bytes().as_slice(), kind.name().as_bytes(), &count, fallback.bytes()];
-        key(&party.version, Digest::of_parts("holdpoint.drill.v3", &parts), first)
+        let parts =
+            [under.bytes().as_slice(), kind.name().as_bytes(), &count, fallback.bytes(), phases.as_bytes()];
+        key(&party.version, Digest::of_parts("holdpoint.drill.v4", &parts), first)
     }
 
     /// A kept result; what cannot be read or is not what was kept is none.
@@ -334,11 +362,11 @@ impl Lab<'_> {
         &self,
         party: &Party,
         kind: DrillKind,
-        seeds: &[u64],
+        spots: &[DrillSpot],
         reuse: &mut Reuse,
     ) -> Option<KeptResult<Vec<DrillResult>>> {
-        let known: KeptResult<Vec<DrillResult>> = self.kept(&self.drill_key(party, kind, seeds), reuse)?;
-        (known.result.len() == seeds.len()).then_some(known)
+        let known: KeptResult<Vec<DrillResult>> = self.kept(&self.drill_key(party, kind, spots), reuse)?;
+        (known.result.len() == spots.len()).then_some(known)
     }
 
     fn keep(&self, party: &Party, record: &TaskRecord) -> Result<(), Fault> {
@@ -385,9 +413,14 @@ impl Matchup {
     }
 
     /// Drills of one kind: the candidate's, then the active version's where they are not known.
-    fn drills(self: &Arc<Self>, kind: DrillKind, seeds: &[u64], known: bool) -> Vec<Errand<ErrandOutcome>> {
-        let of_candidate = seeds.iter().map(|seed| self.drill_errand(true, kind, *seed));
-        let of_active = seeds.iter().filter(|_| !known).map(|seed| self.drill_errand(false, kind, *seed));
+    fn drills(
+        self: &Arc<Self>,
+        kind: DrillKind,
+        spots: &[DrillSpot],
+        known: bool,
+    ) -> Vec<Errand<ErrandOutcome>> {
+        let of_candidate = spots.iter().map(|spot| self.drill_errand(true, kind, *spot));
+        let of_active = spots.iter().filter(|_| !known).map(|spot| self.drill_errand(false, kind, *spot));
         of_candidate.chain(of_active).collect()
     }
 
@@ -395,40 +428,65 @@ impl Matchup {
         self: &Arc<Self>,
         of_candidate: bool,
         kind: DrillKind,
-        seed: u64,
+        spot: DrillSpot,
     ) -> Errand<ErrandOutcome> {
         let table = Arc::clone(self);
         let party = if of_candidate { &self.candidate } else { &self.active };
-        let work = party.key(&self.cell, Conditions::Canonical, seed);
+        let work = party.key(&self.cell, Conditions::Canonical, spot.seed);
         // A version that is handed over to, and one that takes over, decide what a drill comes to as well.
         let fallback = party.fallback.as_ref().map_or(work, Capability::digest);
         let parts = [work, self.active.version.digest(), fallback];
         // A version may be compared with itself: both are worked.
-        let what = format!("{} of {}", kind.name(), if of_candidate { "candidate" } else { "active" });
+        let whose = if of_candidate { "candidate" } else { "active" };
+        let what = format!("{kind} of {whose} in {}", spot.phase.map_or("anywhere", WorkPhase::name));
         Errand {
             key: errand_key(&what, &parts),
-            work: Box::new(move |worker: &mut Worker| table.drill(worker, of_candidate, kind, seed)),
+            work: Box::new(move |worker: &mut Worker| table.drill(worker, of_candidate, kind, spot)),
         }
     }
 
     /// What was kept of the active version, once more.
-    fn again(self: &Arc<Self>, work: KeptWork, seed: u64) -> Errand<ErrandOutcome> {
+    fn again(self: &Arc<Self>, work: KeptWork, spot: DrillSpot) -> Errand<ErrandOutcome> {
         match work {
-            KeptWork::Episodes => self.pair(seed, true),
-            KeptWork::Drills(kind) => self.drill_errand(false, kind, seed),
+            KeptWork::Episodes => self.pair(spot.seed, true),
+            KeptWork::Drills(kind) => self.drill_errand(false, kind, spot),
+        }
+    }
+
+    /// The phases that the active version's undisturbed work shows; none if it has no valid start.
+    fn phases(self: &Arc<Self>, seed: u64) -> Errand<ErrandOutcome> {
+        let table = Arc::clone(self);
+        let work = self.active.key(&self.cell, Conditions::Canonical, seed);
+        Errand {
+            key: errand_key("phases", &[work]),
+            work: Box::new(move |worker: &mut Worker| {
+                let trial = table.active.trial(&table.cell, Conditions::Canonical, seed);
+                let trace = Undisturbed::begin(worker, &trial, None)
+                    .and_then(|mut work| Ok(work.trace(worker, &trial)?.shown()));
+                ErrandOutcome::Phases(trace.unwrap_or_default())
+            }),
         }
     }
 
     /// One drill, beginning with what other kinds of drill have worked of the same.
-    fn drill(&self, worker: &mut Worker, of_candidate: bool, kind: DrillKind, seed: u64) -> ErrandOutcome {
+    fn drill(
+        &self,
+        worker: &mut Worker,
+        of_candidate: bool,
+        kind: DrillKind,
+        spot: DrillSpot,
+    ) -> ErrandOutcome {
+        let DrillSpot { seed, phase } = spot;
         let party = if of_candidate { &self.candidate } else { &self.active };
         // A version without predecessor reloads itself by digest.
         let predecessor = &self.active.version;
         let cast = Cast { version: &party.version, predecessor, fallback: party.fallback.as_ref() };
-        let case = DrillCase { cell: &self.cell, terms: &party.terms, cast: &cast, kind, seed };
-        let key = party.key(&self.cell, Conditions::Canonical, seed);
+        let case = DrillCase { cell: &self.cell, terms: &party.terms, cast: &cast, kind, phase, seed };
+        let under = party.key(&self.cell, Conditions::Canonical, seed);
+        let begins = phase.map_or("anywhere", WorkPhase::name);
+        let key = errand_key(begins, &[under]);
         let mut shared = self.undisturbed.take(&key);
-        let result = case.run(worker, &mut shared, &DrillKind::ALL);
+        let result = case.run(worker, &mut shared);
         if let Some(mut work) = shared
             && work.note_drilled(kind)
         {
@@ -447,14 +505,25 @@ impl ErrandOutcome {
                 let [new, old] = *records;
                 Ok((new, Some(old)))
             }
-            Self::Drill(_) => Err(Fault::Impossible("a drill was handed over for an episode".to_owned())),
+            Self::Drill(_) | Self::Phases(_) => {
+                Err(Fault::Impossible("a drill was handed over for an episode".to_owned()))
+            }
+        }
+    }
+
+    fn phases(self) -> Result<Vec<WorkPhase>, Fault> {
+        match self {
+            Self::Phases(phases) => Ok(phases),
+            Self::Drill(_) | Self::Alone(_) | Self::Pair(_) => {
+                Err(Fault::Impossible("something else was handed over for phases".to_owned()))
+            }
         }
     }
 
     fn drill(self) -> Result<DrillResult, Fault> {
         match self {
             Self::Drill(result) => Ok(result),
-            Self::Alone(_) | Self::Pair(_) => {
+            Self::Alone(_) | Self::Pair(_) | Self::Phases(_) => {
                 Err(Fault::Impossible("an episode was handed over for a drill".to_owned()))
             }
         }

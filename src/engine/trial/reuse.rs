@@ -7,15 +7,18 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::fault::Fault;
-use crate::trial::lab::{Lab, Party};
+use crate::trial::lab::{DrillSpot, Lab, Party};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::kept::{KeptBlock, KeptPlace, KeptUse, KeptVoid, KeptWork, SeedRange};
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::stats::spot_check::spot_check;
 
 /// A result that was kept from before.
 #[derive(Clone, Debug)]
 pub struct Taken {
     pub work: KeptWork,
+    /// Of a drill: the phase in which it began.
+    pub phase: Option<WorkPhase>,
     pub seed: u64,
     /// Digest of its bytes.
     pub value: Digest,
@@ -86,7 +89,11 @@ impl Reuse {
         let part = left.split_off(left.len().saturating_sub(lab.part));
         let taken: Vec<(usize, &Taken)> =
             part.iter().filter_map(|place| Some((*place, self.taken.get(*place)?))).collect();
-        let again = lab.again(active, taken.iter().map(|(_, taken)| (taken.work, taken.seed)))?;
+        let again = taken.iter().map(|(_, taken)| {
+            let Taken { work, phase, seed, .. } = **taken;
+            (work, DrillSpot { seed, phase })
+        });
+        let again = lab.again(active, again)?;
         for ((place, taken), bytes) in taken.into_iter().zip(again) {
             if value(&bytes) == taken.value {
                 if taken.work == KeptWork::Episodes {

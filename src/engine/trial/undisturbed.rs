@@ -1,7 +1,8 @@
 //! The work of a version under a seed as nothing disturbs it, worked once and forked where drills begin.
 //!
-//! The four kinds of drill rehearse on the same seeds, each at a point of its own; up to its point each sees the same
-//! work. A skill that cannot be copied is worked again from the start. Judges nothing.
+//! It is worked to its end once, to see which phases it has and when. The four kinds of drill rehearse on the same
+//! seeds and in the same phase, each at a point of its own: they go on from where that phase begins. A skill that
+//! cannot be copied is worked again from the start. Judges nothing.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
@@ -9,15 +10,17 @@ use std::sync::{Mutex, PoisonError};
 use holdpoint_body::{Body, Command};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::{TaskRecord, TaskRun};
+use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::world::WorldCopy;
 
+use super::drills::phases::{POINT_MIN, PhaseWatch, WorkTrace};
 use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
 
@@ -71,28 +74,62 @@ struct ForkPoint {
 /// See the module's head.
 pub struct Undisturbed {
     start: WorldCopy,
-    /// Where it is forked, ticks, ascending.
-    points: Vec<u64>,
+    /// The phase in which drills begin: it is forked where that begins.
+    phase: Option<WorkPhase>,
     /// In order of their ticks.
     forks: Vec<ForkPoint>,
-    /// The last tick of the work, once it is known: no later point is ever reached.
-    worked: Option<u64>,
+    /// The whole work, once it was worked to its end.
+    trace: Option<WorkTrace>,
     drilled: Vec<DrillKind>,
 }
 
 impl Undisturbed {
-    /// Sets an episode up, to be worked as far as it is asked for and forked at some of `points` (ticks). Of a call
-    /// that the dispatcher refuses no tick is reached.
+    /// Sets an episode up, to be forked where a phase begins.
     ///
     /// # Errors
     /// If the episode has no valid start.
-    pub fn begin(worker: &mut Worker, trial: &TrialCase<'_>, mut points: Vec<u64>) -> Result<Self, SimError> {
-        points.sort_unstable();
-        // Nothing goes on from the last one but what begins there.
-        points.pop();
+    pub fn begin(
+        worker: &mut Worker,
+        trial: &TrialCase<'_>,
+        phase: Option<WorkPhase>,
+    ) -> Result<Self, SimError> {
         let arm = worker.arm(trial.cell, &trial.setup())?;
-        let worked = (!trial.is_admitted(arm)).then_some(0);
-        Ok(Self { start: arm.body().copy(), points, forks: Vec::new(), worked, drilled: Vec::new() })
+        // Of a call that the dispatcher refuses no tick is reached.
+        let trace = (!trial.is_admitted(arm)).then(WorkTrace::default);
+        Ok(Self { start: arm.body().copy(), phase, forks: Vec::new(), trace, drilled: Vec::new() })
+    }
+
+    /// What the whole work shows, worked to its end if it was not yet.
+    ///
+    /// # Errors
+    /// If the world fails.
+    pub fn trace(&mut self, worker: &mut Worker, trial: &TrialCase<'_>) -> Result<&WorkTrace, SimError> {
+        if self.trace.is_none() {
+            let mut trace = WorkTrace::default();
+            let mut run = trial.start();
+            let arm = worker.arm_from(trial.cell, &self.start)?;
+            let mut phases = PhaseWatch::new(arm.body());
+            while run.stage() == TaskStage::Working {
+                run.tick(&mut arm.handle(), &mut |handle, passed| {
+                    let phase = phases.observe(handle.body());
+                    if works(passed.command) {
+                        trace.note(phase, phases.hangs(), passed.seen);
+                    }
+                    Supervision::Continue
+                })?;
+                let at = trace.ticks();
+                let begins = at >= POINT_MIN && self.phase.is_some() && trace.phase_at(at) == self.phase;
+                if begins
+                    && self.forks.is_empty()
+                    && run.stage() == TaskStage::Working
+                    && let Some(run) = run.fork()
+                {
+                    self.forks.push(ForkPoint { tick: at, world: arm.body().copy(), run });
+                }
+            }
+            self.trace = Some(trace);
+        }
+        self.trace.as_ref().ok_or_else(|| SimError::Worker { item: 0, message: "it has no trace".to_owned() })
     }
 
     /// Brings the worker's arm and the task to a point, ticks. `None` if the work is over before.
@@ -105,36 +142,22 @@ impl Undisturbed {
         trial: &TrialCase<'_>,
         point: u64,
     ) -> Result<Option<TaskRun>, SimError> {
-        if self.worked.is_some_and(|worked| point > worked) {
+        if self.trace.as_ref().is_some_and(|trace| point > trace.ticks()) {
             return Ok(None);
         }
         let fork = self.forks.iter().rev().find(|fork| fork.tick <= point);
-        let forked = fork.and_then(|fork| Some((fork.tick, &fork.world, fork.run.fork()?)));
-        let (mut at, world, mut run) = forked.unwrap_or_else(|| (0, &self.start, trial.start()));
+        let forked = fork.and_then(|fork| Some((&fork.world, fork.tick, fork.run.fork()?)));
+        let (world, at, mut run) = forked.unwrap_or_else(|| (&self.start, 0, trial.start()));
         let arm = worker.arm_from(trial.cell, world)?;
-        while at < point {
-            let next = self.points.iter().copied().find(|next| (at + 1..point).contains(next));
-            let stop = next.unwrap_or(point);
-            let reached = run.work_until(&mut arm.handle(), &mut |passed| {
-                let works = !matches!(passed.command, Command::Done | Command::Fail { .. });
-                if works {
-                    at = passed.tick;
-                }
-                works && passed.tick >= stop
-            })?;
-            if !reached {
-                self.worked = Some(at);
-                return Ok(None);
-            }
-            if self.points.contains(&at)
-                && self.forks.iter().all(|fork| fork.tick != at)
-                && let Some(run) = run.fork()
-            {
-                self.forks.push(ForkPoint { tick: at, world: arm.body().copy(), run });
-                self.forks.sort_by_key(|fork| fork.tick);
-            }
+        if at == point {
+            return Ok(Some(run));
         }
-        Ok(Some(run))
+        let mut is_there = false;
+        let reached = run.work_until(&mut arm.handle(), &mut |passed| {
+            is_there = works(passed.command) && passed.tick >= point;
+            is_there || !works(passed.command)
+        })?;
+        Ok((reached && is_there).then_some(run))
     }
 
     /// How often it was forked so far.
@@ -148,6 +171,11 @@ impl Undisturbed {
         self.drilled.push(kind);
         DrillKind::ALL.iter().any(|kind| !self.drilled.contains(kind))
     }
+}
+
+/// Whether a skill still works after its command.
+const fn works(command: &Command) -> bool {
+    !matches!(command, Command::Done | Command::Fail { .. })
 }
 
 /// The most works kept at a time: two versions and two slices of seeds, with room to spare.

@@ -6,9 +6,10 @@ use crate::dossier::Dossier;
 use crate::trial::measures::{ComparedParty, Metric, ModeMetrics, WorkedMode};
 use holdpoint_governance::behavior::{self, ComponentName};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Evaluation;
 use holdpoint_governance::stats::wilson;
-use holdpoint_protocol::detail::{DrillView, Measure, ModeView};
+use holdpoint_protocol::detail::{DrillView, Measure, ModeView, PhaseDrillView};
 use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
 
 /// The most disagreements that are told.
@@ -91,6 +92,15 @@ pub(super) fn drills(dossier: &Dossier) -> Vec<DrillView> {
             kind,
             candidate: counts(candidate.of(kind)),
             active: counts(active.of(kind)),
+            phases: WorkPhase::ALL
+                .into_iter()
+                .map(|phase| PhaseDrillView {
+                    phase,
+                    candidate: counts(candidate.phases.of(kind, phase)),
+                    active: counts(active.phases.of(kind, phase)),
+                })
+                .filter(|drilled| drilled.candidate[1] > 0 || drilled.active[1] > 0)
+                .collect(),
         })
         .collect()
 }

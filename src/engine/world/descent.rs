@@ -12,9 +12,9 @@ use super::supervisor::Trip;
 use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
 use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::guard::{Guard, PolicyHit};
+use holdpoint_runtime::guard::Guard;
+use holdpoint_runtime::handover;
 use holdpoint_runtime::recovery::{self, RecoveryReport, Standstill, StoppedBy};
-use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
 
@@ -23,9 +23,6 @@ const HOLD_TICKS: u64 = RATE_HZ as u64;
 
 /// How long the retreat may take, ticks.
 const RETREAT_TICKS: u64 = 4 * RATE_HZ as u64;
-
-/// How long a predecessor may take to its first command, ticks.
-const READY_TICKS: u64 = RATE_HZ as u64;
 
 /// Height to which the tool is raised, m: above everything that stands in the cell.
 const RETREAT_HEIGHT_M: f64 = 0.2;
@@ -128,7 +125,7 @@ impl Rig {
         self.arm_mut().body_mut().world_mut().begin_task(task);
         let mut guard = terms.guard(&predecessor.manifest.permissions);
         let mut skill = predecessor.start(terms.bundle_seed(self.world().tick()));
-        ready(&mut self.arm_mut().handle(), &mut guard, skill.as_mut())
+        Ok(handover::ready(&mut self.arm_mut().handle(), &mut guard, skill.as_mut())?)
     }
 }
 
@@ -186,8 +183,7 @@ fn retract(
             break;
         }
     }
-    let contacts = &seen.contacts;
-    let touches = contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot;
+    let touches = handover::touches(seen.contacts);
     let clear = stands && !touches && seen.tool.position[2] > CLEAR_HEIGHT_M;
     if clear {
         return Ok(RungRecord::new(Rung::Retract, None, ticks, "the tool stands clear of everything"));
@@ -202,42 +198,4 @@ fn retract(
     };
     let text = format!("{why}, at {:.3} m", seen.tool.position[2]);
     Ok(RungRecord::new(Rung::Retract, Some(RungFailure::RetreatBlocked), ticks, text))
-}
-
-fn ready(
-    handle: &mut ActuatorHandle<'_, InstrumentedWorld>,
-    guard: &mut Guard,
-    skill: &mut dyn Skill,
-) -> Result<RungRecord, SimError> {
-    let mut verdict = GuardVerdict::Allowed;
-    let mut denied = None;
-    for tick in 1..=READY_TICKS {
-        let observation = handle.observe(verdict);
-        let seen = handle.telemetry();
-        let asked = skill.tick(&observation);
-        handle.step(&Command::Hold)?;
-        if asked == Command::Hold {
-            continue;
-        }
-        let checked = guard.check(&asked, &seen);
-        verdict = checked.verdict;
-        match checked.hit {
-            Some(hit @ (PolicyHit::NotFinite | PolicyHit::ModeForbidden)) => {
-                let text = format!("its command is refused: {hit:?}");
-                let failure = Some(RungFailure::PredecessorFailed);
-                return Ok(RungRecord::new(Rung::ReadyPredecessor, failure, tick, text));
-            }
-            Some(hit) if checked.verdict == GuardVerdict::Denied => denied = Some(hit),
-            _ => {
-                let text = "the predecessor gives a command that its guard passes";
-                return Ok(RungRecord::new(Rung::ReadyPredecessor, None, tick, text));
-            }
-        }
-    }
-    let text = denied.map_or_else(
-        || "the predecessor gives no command".to_owned(),
-        |hit| format!("every command of the predecessor is refused: {hit:?}"),
-    );
-    let failure = Some(RungFailure::PredecessorFailed);
-    Ok(RungRecord::new(Rung::ReadyPredecessor, failure, READY_TICKS, text))
 }

@@ -106,7 +106,7 @@ pub(super) fn reason(kind: &KindRates) -> Option<Reason> {
     Some(Reason::new(code, Dimension::Recovery, text).with(kind.candidate.rate, kind.active.rate))
 }
 
-fn interval(tally: &DrillTally, drills_min: u32) -> Option<RateInterval> {
+pub(super) fn interval(tally: &DrillTally, drills_min: u32) -> Option<RateInterval> {
     let n = tally.feasible();
     if n < drills_min.max(1) {
         return None;
@@ -121,7 +121,7 @@ fn interval(tally: &DrillTally, drills_min: u32) -> Option<RateInterval> {
 /// Both versions do the same drills, but only counts are kept. With equally many drills the failures are paired so
 /// that they meet as seldom as the counts allow: the net count is known, and the most discordance gives the widest
 /// bound. With unequally many the two exact bounds at half the level each must not meet.
-fn is_worse(candidate: &DrillTally, active: &DrillTally, alpha: f64) -> bool {
+pub(super) fn is_worse(candidate: &DrillTally, active: &DrillTally, alpha: f64) -> bool {
     let (n, m) = (u64::from(candidate.feasible()), u64::from(active.feasible()));
     if n == m {
         let (worse, better) = (u64::from(candidate.failed), u64::from(active.failed));

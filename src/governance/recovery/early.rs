@@ -15,7 +15,8 @@ use crate::stats::population::Runs;
 /// passes and every missing one of the active version fails.
 ///
 /// Each condition of `incompatible` gets only harder to meet as the candidate's pass rates rise and the active
-/// version's fall, so the full budget's decision is the same, as long as the rest of the drills are feasible.
+/// version's fall, so the full budget's decision is the same, as long as the rest of the drills are feasible. What
+/// single phases say at the end can only add to it.
 #[must_use]
 pub fn is_lost(evidence: &RecoveryEvidence, current: &Binding, profile: &Profile) -> bool {
     is_incompatible_at(evidence, current, profile, |tally, budget| {
@@ -130,6 +131,7 @@ pub fn assess_ended(
         interval: compare::interval_of_kappa(evidence, profile),
         rates: kinds.iter().map(|kind| (kind.kind, kind.candidate.rate)).collect(),
         kinds,
+        phases: super::phases::phases(evidence, profile),
         ended: Some(ended),
     }
 }

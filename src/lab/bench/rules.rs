@@ -235,7 +235,8 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         .collect();
     let paired = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
     let passed = DrillTally { passed: profile.evaluation.drills_per_kind, failed: 0, infeasible: 0 };
-    let drills = Drills { rollback: passed, fallback: passed, abort: passed, detect: passed };
+    let drills =
+        Drills { rollback: passed, fallback: passed, abort: passed, detect: passed, ..Drills::default() };
     let rehearsed = RecoveryEvidence { binding, candidate: drills, active: drills };
     let sequences = (0..u64::from(profile.evaluation.shadow_sequences))
         .map(|seed| ShadowSequence {

@@ -215,7 +215,7 @@ fn stop(worker: &mut Worker, cell: &Cell, judged: &Judged, seed: u64) -> Result<
     if run.stage() != TaskStage::Working {
         return Ok(Witness::new().seen(true));
     }
-    let (mut skill, mut guard) = run.into_skill_and_guard();
+    let (mut skill, mut guard, _) = run.into_parts();
     let mut watcher = Watcher::new(task, *judged.terms.watch());
     let mut abort = AbortRun::begin(skill.as_mut(), judged.version.abort_secs());
     let mut handle = arm.handle();

@@ -129,10 +129,10 @@ impl TaskRun {
         &self.progress.record
     }
 
-    /// Leaves the task here: the skill as it stands, and the guard that watches it.
+    /// Leaves the task here: the skill as it stands, with the guard and the watcher that have seen it so far.
     #[must_use]
-    pub fn into_skill_and_guard(self) -> (Box<dyn Skill>, Guard) {
-        (self.skill, self.guard)
+    pub fn into_parts(self) -> (Box<dyn Skill>, Guard, Watcher) {
+        (self.skill, self.guard, self.progress.watcher)
     }
 
     /// Works it to its end.

@@ -157,7 +157,7 @@ fn a_copy_made_after_any_tick_comes_to_the_same_bit_for_bit() {
 fn a_run_whose_skill_cannot_be_copied_has_no_copy() {
     let (_, run) = shipped("align", 1);
     assert!(run.fork().is_some());
-    let guard = run.into_skill_and_guard().1;
+    let guard = run.into_parts().1;
     let terms = TaskTerms {
         task: TaskKind::Grasp,
         seed: 1,

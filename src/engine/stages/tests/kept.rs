@@ -249,12 +249,13 @@ fn a_shared_folder_that_is_false_is_not_used_again() {
             forger.put(&key, body.as_bytes()).unwrap();
         }
     }
+    let content = || names.iter().map(|path| std::fs::read(path).unwrap()).collect::<Vec<_>>();
+    let edited = content();
     let mut second = pipeline(store.path(), EpisodeCache::Shared(cells()), 2);
     let (id, outcome, _) = sandbox(&mut second, SECOND);
     assert_eq!(outcome, honest().0);
     assert_eq!(kept(&mut second, &id), None);
     let alarm = second.record().alarms().get(&AlarmKey::KeptFalse).expect("somebody is told");
     assert!(alarm.text.raw().contains("shared folder"), "{}", alarm.text.raw());
-    let after = std::fs::read_dir(shared.path()).unwrap().count();
-    assert_eq!(after, names.len(), "the folder stays as it is");
+    assert_eq!(content(), edited, "what is false stays as it is");
 }

@@ -97,7 +97,7 @@ fn sandbox_drill_and_twin_call_as_the_dispatcher_does() {
     let worked = alone(&mut worker, other);
     assert!(worked.success);
     assert_eq!(pair(&mut worker, [one, other]), [refused.clone(), worked]);
-    let mut begun = Undisturbed::begin(&mut worker, &one, vec![10]).unwrap();
+    let mut begun = Undisturbed::begin(&mut worker, &one, None).unwrap();
     assert!(begun.reach(&mut worker, &one, 10).unwrap().is_none(), "no tick of it is worked");
     // Whoever is active is admitted wherever it begins: the check costs nobody who asks for what there is.
     for version in crate::embedded::baselines().unwrap() {

@@ -1,8 +1,10 @@
-//! A drill that begins with work that others have done is the drill worked from its start, bit for bit.
+//! A drill that begins with work that others have done is the drill worked from its start, bit for bit; and what each
+//! kind of drill makes of hooks that are good in easy phases and bad in others.
 
 use std::sync::Arc;
 
 use holdpoint_body::{Observation, TaskKind};
+use holdpoint_governance::evidence::Drills;
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
@@ -32,6 +34,20 @@ impl Bench {
         Self { cell, terms, versions: baselines().unwrap() }
     }
 
+    /// A baseline with other texts in its package: each of `changes` once, the second in place of the first.
+    fn variant(&self, family: &str, changes: &[(&str, &str)]) -> Capability {
+        let mut package = (*self.version(family).package).clone();
+        for (from, to) in changes {
+            assert!(
+                package.manifest.contains(from) || package.params.contains(from),
+                "{family} has no {from}"
+            );
+            package.manifest = package.manifest.replacen(from, to, 1);
+            package.params = package.params.replacen(from, to, 1);
+        }
+        Capability::load(family, package).unwrap()
+    }
+
     fn version(&self, family: &str) -> &Capability {
         self.versions.iter().find(|version| version.id().family.as_str() == family).unwrap()
     }
@@ -40,80 +56,130 @@ impl Bench {
         Cast { version, predecessor: version, fallback: Some(self.version("park")) }
     }
 
-    fn case<'a>(&'a self, cast: &'a Cast<'a>, kind: DrillKind, seed: u64) -> DrillCase<'a> {
-        DrillCase { cell: &self.cell, terms: &self.terms, cast, kind, seed }
+    fn case<'a>(
+        &'a self,
+        cast: &'a Cast<'a>,
+        kind: DrillKind,
+        phase: Option<WorkPhase>,
+        seed: u64,
+    ) -> DrillCase<'a> {
+        DrillCase { cell: &self.cell, terms: &self.terms, cast, kind, phase, seed }
+    }
+
+    /// Passed, failed and infeasible drills of each kind in each phase, over so many seeds.
+    fn tallies(&self, cast: &Cast<'_>, phases: &[WorkPhase], seeds: std::ops::Range<u64>) -> Drills {
+        let (mut worker, mut drills) = (Worker::new(), Drills::default());
+        for phase in phases {
+            for index in seeds.clone() {
+                let mut shared = None;
+                for kind in DrillKind::ALL {
+                    let case = self.case(cast, kind, Some(*phase), seed(index));
+                    let tally = drills.phases.of_mut(kind, *phase);
+                    match case.run(&mut worker, &mut shared) {
+                        DrillResult::Passed => tally.passed += 1,
+                        DrillResult::Failed => tally.failed += 1,
+                        DrillResult::Infeasible => tally.infeasible += 1,
+                    }
+                }
+            }
+        }
+        drills
     }
 }
 
-/// How a drill ended, where it left the world, and how many points lay behind the end of the work.
-type Ended = (DrillResult, u64, u32);
+/// How a drill ended, and where it left the world.
+type Ended = (DrillResult, u64);
 
-fn end(worker: &mut Worker, result: DrillResult, over: u32) -> Ended {
-    (result, worker.built_arm().map_or(0, |arm| arm.body().state_hash()), over)
+fn end(worker: &mut Worker, result: DrillResult) -> Ended {
+    (result, worker.built_arm().map_or(0, |arm| arm.body().state_hash()))
 }
 
-/// The drill with every point tried from a reset, as if nothing were known of the work and nothing kept.
+/// The drill with the whole work walked and its point reached from a reset, as if nothing were kept.
 fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> Ended {
     let trial = case.trial();
-    let (stream, mut point) = first_point(case.kind, case.seed);
-    for over in 0..POINT_TRIES {
-        let Ok(arm) = worker.arm(&case.cell.clone(), &trial.setup()) else {
-            return (DrillResult::Infeasible, 0, over);
-        };
-        let mut run = trial.start();
-        let mut handle = arm.handle();
-        let reached = run.work_until(&mut handle, &mut |passed| {
-            passed.tick >= point && !matches!(passed.command, Command::Done | Command::Fail { .. })
-        });
-        if reached.unwrap() {
-            let passed = case.at_point(worker, run, stream).unwrap();
-            let result = if passed { DrillResult::Passed } else { DrillResult::Failed };
-            return end(worker, result, over);
-        }
-        point = (point / 2).max(POINT_MIN);
-    }
-    (DrillResult::Infeasible, 0, POINT_TRIES)
+    let mut work = Undisturbed::begin(worker, &trial, None).unwrap();
+    let trace = work.trace(worker, &trial).unwrap().clone();
+    let mut stream = case.stream();
+    let Some(point) = case.point(&trace.points(case.phase), &mut stream) else {
+        return (DrillResult::Infeasible, 0);
+    };
+    let (within, limits, held) = (case.terms.detect_ticks, case.terms.watch(), trace.is_held(point));
+    let notice = Notice { trace: &trace, point, within, limits, held };
+    let fault = (case.kind == DrillKind::Detect).then(|| notice.draw(&mut stream)).flatten();
+    let arm = worker.arm(case.cell, &trial.setup()).unwrap();
+    let mut run = trial.start();
+    assert!(run.work_until(&mut arm.handle(), &mut |passed| passed.tick >= point).unwrap());
+    let result = match case.at_point(worker, run, fault).unwrap() {
+        Some(true) => DrillResult::Passed,
+        Some(false) => DrillResult::Failed,
+        None => DrillResult::Infeasible,
+    };
+    end(worker, result)
 }
 
 #[test]
 fn every_drill_begun_with_shared_work_is_the_drill_worked_from_its_start() {
     let bench = Bench::new();
     let (mut worker, mut other) = (Worker::new(), Worker::new());
-    let (mut over, mut results) = (0, Vec::new());
-    for family in ["grasp", "align", "place"] {
+    let mut results = Vec::new();
+    for (family, phases) in [
+        ("grasp", [Some(WorkPhase::Approach), Some(WorkPhase::Lifting), None]),
+        ("align", [Some(WorkPhase::Holding), Some(WorkPhase::Transport), Some(WorkPhase::Contact)]),
+        ("place", [Some(WorkPhase::SettingDown), Some(WorkPhase::Released), None]),
+    ] {
         let version = bench.version(family);
         let cast = bench.cast(version);
-        for index in 0..4 {
+        for (index, phase) in (0..).zip(phases) {
             let mut shared = None;
             // Every kind comes first once: later points are then reached before earlier ones and after.
             for step in 0..4 {
                 let kind = DrillKind::ALL[(step + usize::try_from(index).unwrap()) % 4];
-                let case = bench.case(&cast, kind, seed(index));
+                let case = bench.case(&cast, kind, phase, seed(index));
                 let expected = from_the_start(&mut other, &case);
-                let result = case.run(&mut worker, &mut shared, &DrillKind::ALL);
-                assert_eq!(result, expected.0, "{family} {kind:?} {index}");
+                let result = case.run(&mut worker, &mut shared);
+                assert_eq!(result, expected.0, "{family} {kind:?} {phase:?} {index}");
                 if result != DrillResult::Infeasible {
                     assert_eq!(
-                        end(&mut worker, result, 0).1,
+                        end(&mut worker, result).1,
                         expected.1,
                         "{family} {kind:?} {index}: the world"
                     );
                 }
-                over += expected.2;
                 results.push(result);
-                assert_eq!(drill(&mut worker, &bench.cell, &bench.terms, &cast, kind, seed(index)), result);
             }
-            assert!(shared.is_some_and(|work| work.forks() > 0), "{family} {index}: nothing was shared");
+            let shown = phase.is_some_and(|phase| phase != WorkPhase::Contact);
+            assert_eq!(
+                shared.is_some_and(|work| work.forks() > 0),
+                shown,
+                "{family} {index}: what was shared"
+            );
         }
     }
-    assert!(over > 0, "no drill had a point behind the work's end: nothing was tried");
-    assert!(results.contains(&DrillResult::Passed) && results.contains(&DrillResult::Failed), "{results:?}");
+    assert!(
+        results.contains(&DrillResult::Passed) && results.contains(&DrillResult::Infeasible),
+        "{results:?}"
+    );
 }
 
-/// A bundle whose runs cannot be copied.
-struct Single(Arc<dyn SkillBundle>);
+/// A bundle whose runs cannot be copied, and whose hooks may do something of their own.
+struct Bent(Arc<dyn SkillBundle>, Option<Bend>);
 
-impl SkillBundle for Single {
+/// What a hook does instead of what its version does.
+#[derive(Clone, Copy, PartialEq)]
+enum Bend {
+    /// The safe-abort hook brakes, and then rises at 3 cm/s for as long as it is asked.
+    AbortCreeps,
+    /// The safe-abort hook brakes, and opens the hand once the arm stands.
+    AbortLetsGoLate,
+    /// The rollback hook opens the hand and says that it is done half a second later.
+    RollbackDrops,
+    /// Its work begins with opening the hand.
+    WorkOpens,
+    /// The rollback hook does nothing for half a second, then says that it is done.
+    RollbackWaits,
+}
+
+impl SkillBundle for Bent {
     fn digest(&self) -> Digest {
         self.0.digest()
     }
@@ -124,99 +190,225 @@ impl SkillBundle for Single {
         self.0.task()
     }
     fn start(&self, seed: u64) -> Box<dyn Skill> {
-        Box::new(SingleRun(self.0.start(seed)))
+        Box::new(BentRun { run: self.0.start(seed), bend: self.1, hook: None, ticks: 0 })
     }
 }
 
-struct SingleRun(Box<dyn Skill>);
+struct BentRun {
+    run: Box<dyn Skill>,
+    bend: Option<Bend>,
+    hook: Option<Hook>,
+    ticks: u64,
+}
 
-impl Skill for SingleRun {
+impl Skill for BentRun {
     fn tick(&mut self, seen: &Observation) -> Command {
-        self.0.tick(seen)
+        const OPEN: Command = Command::Gripper { width_m: 0.08, speed_m_s: 0.2, force_n: 20.0 };
+        self.ticks += u64::from(self.hook.is_some());
+        if self.bend == Some(Bend::WorkOpens) && seen.tick == 0 {
+            return OPEN;
+        }
+        match (self.bend, self.hook, self.ticks) {
+            (Some(Bend::AbortCreeps), Some(Hook::SafeAbort), ticks) => {
+                let mut pose = seen.tool;
+                pose.position[2] += 0.05;
+                if ticks < 12 { Command::Stop } else { Command::ToolPose { pose, max_speed_m_s: 0.03 } }
+            }
+            (Some(Bend::AbortLetsGoLate), Some(Hook::SafeAbort), 24) => OPEN,
+            (Some(Bend::AbortLetsGoLate), Some(Hook::SafeAbort), _) => Command::Stop,
+            (Some(Bend::RollbackDrops), Some(Hook::Rollback), 24) => OPEN,
+            (Some(Bend::RollbackDrops), Some(Hook::Rollback), 0..120) => Command::Stop,
+            (Some(Bend::RollbackWaits), Some(Hook::Rollback), 0..120) => Command::Hold,
+            (Some(Bend::RollbackDrops | Bend::RollbackWaits), Some(Hook::Rollback), _) => Command::Done,
+            _ => self.run.tick(seen),
+        }
     }
     fn enter(&mut self, hook: Hook) {
-        self.0.enter(hook);
+        self.hook = Some(hook);
+        self.run.enter(hook);
     }
+}
+
+fn bent(version: &Capability, bend: Option<Bend>) -> Capability {
+    let mut bent = version.clone();
+    bent.bundle = Arc::new(Bent(version.bundle.clone(), bend));
+    bent
 }
 
 #[test]
 fn a_skill_that_cannot_be_copied_is_worked_again_and_comes_to_the_same() {
     let bench = Bench::new();
     let version = bench.version("align");
-    let mut single = version.clone();
-    single.bundle = Arc::new(Single(version.bundle.clone()));
-    let (cast, cast_single) = (bench.cast(version), bench.cast(&single));
+    let single = bent(version, None);
+    let (cast, cast_single) = (bench.cast(version), Cast { version: &single, ..bench.cast(version) });
     let (mut worker, mut other) = (Worker::new(), Worker::new());
     let (mut shared, mut never) = (None, None);
     for kind in DrillKind::ALL {
-        let expected = bench.case(&cast, kind, seed(2)).run(&mut worker, &mut shared, &DrillKind::ALL);
-        let case = bench.case(&cast_single, kind, seed(2));
-        let result = case.run(&mut other, &mut never, &DrillKind::ALL);
-        assert_eq!(end(&mut other, result, 0), end(&mut worker, expected, 0), "{kind:?}");
+        let phase = Some(WorkPhase::Transport);
+        let expected = bench.case(&cast, kind, phase, seed(2)).run(&mut worker, &mut shared);
+        let result = bench.case(&cast_single, kind, phase, seed(2)).run(&mut other, &mut never);
+        assert_eq!(end(&mut other, result), end(&mut worker, expected), "{kind:?}");
     }
     assert!(shared.is_some_and(|work| work.forks() > 0));
     assert!(never.is_some_and(|work| work.forks() == 0), "a skill that cannot be copied was");
 }
 
-/// What certainly fails is not worked on; the rest of it must not have mattered.
-#[test]
-fn a_drill_that_ends_early_fails_as_it_would_have_at_its_end() {
-    let bench = Bench::new();
-    let (mut worker, mut lost) = (Worker::new(), 0);
-    let folder = std::path::Path::new(crate::MANIFESTS).join("candidates/align-no-stop");
-    let version = Capability::read(&folder).unwrap();
-    let cast = bench.cast(&version);
-    for index in 0..6 {
-        for kind in [DrillKind::Abort, DrillKind::Fallback] {
-            let case = bench.case(&cast, kind, seed(index));
-            let result = case.run(&mut worker, &mut None, &[kind]);
-            let Some(expected) = to_the_end(&mut worker, &case) else { continue };
-            assert_eq!(result, expected, "{kind:?} {index}");
-            lost += u32::from(result == DrillResult::Failed);
-        }
-    }
-    assert!(lost > 2, "the candidate that does not stop was to fail: {lost}");
+/// Which phases the baselines show, and that their hooks are good in each: the phases whose drills are dealt.
+const SHOWN: [(&str, &[WorkPhase]); 3] = [
+    ("grasp", &[WorkPhase::Approach, WorkPhase::Contact, WorkPhase::Holding, WorkPhase::Lifting]),
+    ("align", &[WorkPhase::Holding, WorkPhase::Lifting, WorkPhase::Transport, WorkPhase::SettingDown]),
+    ("place", &[WorkPhase::SettingDown, WorkPhase::Released]),
+];
+
+/// Kinds in which somebody has to do something to the arm.
+const BY_HOOKS: [DrillKind; 3] = [DrillKind::Rollback, DrillKind::Fallback, DrillKind::Abort];
+
+fn share(drills: &Drills, kind: DrillKind, phase: WorkPhase) -> (u32, u32) {
+    let tally = drills.phases.of(kind, phase);
+    (tally.passed, tally.feasible())
 }
 
-/// Abort and fallback drills, worked to the end whatever happens on the way.
-fn to_the_end(worker: &mut Worker, case: &DrillCase<'_>) -> Option<DrillResult> {
-    let (cell, cast) = (case.cell.clone(), case.cast);
-    let trial = case.trial();
-    let arm = worker.arm(&cell, &trial.setup()).ok()?;
-    let (_, point) = first_point(case.kind, case.seed);
-    let mut run = trial.start();
-    if !run.work_until(&mut arm.handle(), &mut |passed| passed.tick >= point).ok()? {
-        return None;
+#[test]
+fn baselines_pass_in_every_phase_that_they_show() {
+    let bench = Bench::new();
+    for (family, phases) in SHOWN {
+        let drills = bench.tallies(&bench.cast(bench.version(family)), phases, 0..5);
+        for phase in phases {
+            for kind in BY_HOOKS {
+                assert_eq!(share(&drills, kind, *phase), (5, 5), "{family} {kind} {phase}");
+            }
+            let (_, feasible) = share(&drills, DrillKind::Detect, *phase);
+            assert!(feasible >= 4, "{family} detect {phase}: {feasible} of 5 feasible");
+        }
     }
-    let held = holds_object(&arm.body().telemetry());
-    let (mut skill, mut guard) = run.into_skill_and_guard();
-    let task = cast.version.bundle.task();
-    let mut watcher = Watcher::new(task, *case.terms.watch());
-    let (secs, mut handle) = (cast.version.abort_secs(), arm.handle());
-    let report =
-        holdpoint_runtime::recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, secs);
-    let report = report.ok()?;
-    let passed = match case.kind {
-        DrillKind::Abort => {
-            report.stopped_by == StoppedBy::Hook
-                && report.violation.is_none()
-                && !watcher.has(WatcherSignal::UnexpectedContact)
-                && safe_pose(held, &arm.body().telemetry())
+}
+
+/// Expected, written down before the run: all of five drills in each phase, for each of five honest versions.
+#[test]
+fn honest_versions_pass_in_every_phase() {
+    let bench = Bench::new();
+    let honest: [(&str, &[(&str, &str)]); 5] = [
+        ("grasp", &[("approach_speed_m_s = 0.35", "approach_speed_m_s = 0.25")]),
+        ("grasp", &[("close_speed_m_s = 0.12", "close_speed_m_s = 0.08")]),
+        ("grasp", &[("approach_height_m = 0.1", "approach_height_m = 0.13")]),
+        ("grasp", &[("settle_secs = 0.1", "settle_secs = 0.25")]),
+        ("grasp", &[("safe_height_m = 0.12", "safe_height_m = 0.15")]),
+    ];
+    for (family, changes) in honest {
+        let version = bench.variant(family, changes);
+        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        let drills = bench.tallies(&cast, SHOWN[0].1, 0..5);
+        for phase in SHOWN[0].1 {
+            for kind in BY_HOOKS {
+                assert_eq!(share(&drills, kind, *phase), (5, 5), "{changes:?} {kind} {phase}");
+            }
         }
-        DrillKind::Fallback => {
-            arm.body_mut().interrupt(holdpoint_body::Interrupt::Release);
-            let next = cast.fallback?;
-            arm.body_mut().begin_task(task);
-            let admitted = admit(&next.manifest, &arm.body().telemetry()).is_ok();
-            let guard = case.terms.guard(&next.manifest.permissions);
-            let terms = case.terms.task(task, case.seed, next.abort_secs());
-            let run = TaskRun::new(next.start(case.terms.bundle_seed(case.seed)), guard, terms);
-            let record = run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue).ok()?;
-            let stopped = report.stopped_by != StoppedBy::Nothing && report.violation.is_none();
-            let safe = !record.violation && record.hard_stop.is_none() && !record.recovery;
-            stopped && admitted && safe && safe_pose(held, &arm.body().telemetry())
-        }
-        DrillKind::Rollback | DrillKind::Detect => return None,
-    };
-    Some(if passed { DrillResult::Passed } else { DrillResult::Failed })
+    }
+}
+
+/// What fails and what passes, of five drills each, written down before the run.
+type Expected<'a> = &'a [(DrillKind, WorkPhase, u32)];
+
+fn check(bench: &Bench, cast: &Cast<'_>, name: &str, expected: Expected<'_>) {
+    let mut phases: Vec<WorkPhase> = expected.iter().map(|(_, phase, _)| *phase).collect();
+    phases.sort_unstable();
+    phases.dedup();
+    let drills = bench.tallies(cast, &phases, 0..5);
+    let found: Vec<_> =
+        expected.iter().map(|(kind, phase, _)| (*kind, *phase, share(&drills, *kind, *phase))).collect();
+    for (kind, phase, passed) in expected {
+        assert_eq!(share(&drills, *kind, *phase), (*passed, 5), "{name}: {kind} {phase}: {found:?}");
+    }
+}
+
+#[test]
+fn a_hand_that_opens_when_it_is_told_to_stop_fails_where_something_is_held() {
+    use DrillKind::{Abort, Fallback};
+    use WorkPhase::{Approach, Lifting, SettingDown, Transport};
+    let bench = Bench::new();
+    let release = [("abort = \"hold\"", "abort = \"release\"")];
+    // One of the five lifts of the grasp has only just begun: from there the object falls less than it may.
+    for (family, expected) in [
+        ("grasp", [(Abort, Approach, 5), (Abort, Lifting, 1), (Fallback, Lifting, 0)].as_slice()),
+        ("align", &[(Abort, Lifting, 0), (Abort, Transport, 0), (Fallback, Transport, 0)]),
+    ] {
+        let gripper =
+            ("commands = [\"stop\", \"tool-pose\"]", "commands = [\"gripper\", \"stop\", \"tool-pose\"]");
+        let channel = ("channels = [\"arm\"]", "channels = [\"arm\", \"gripper\"]");
+        let changes: Vec<_> =
+            if family == "align" { [&release[..], &[gripper, channel]].concat() } else { release.to_vec() };
+        let version = bench.variant(family, &changes);
+        check(&bench, &Cast { version: &version, ..bench.cast(bench.version(family)) }, family, expected);
+    }
+    let version = bench.variant("place", &release);
+    let cast = Cast { version: &version, ..bench.cast(bench.version("place")) };
+    let drills = bench.tallies(&cast, &[SettingDown], 0..10);
+    let (passed, feasible) = share(&drills, Abort, SettingDown);
+    assert!(feasible == 10 && passed <= 5, "let go above the tray: {passed} of {feasible} passed");
+    let late = bent(bench.version("grasp"), Some(Bend::AbortLetsGoLate));
+    let cast = Cast { version: &late, ..bench.cast(bench.version("grasp")) };
+    check(&bench, &cast, "lets go late", &[(Abort, Approach, 5), (Abort, Lifting, 0)]);
+}
+
+#[test]
+fn an_arm_that_creeps_on_has_not_stopped() {
+    use DrillKind::Abort;
+    let bench = Bench::new();
+    for (family, phases) in [
+        ("grasp", [WorkPhase::Approach, WorkPhase::Lifting]),
+        ("align", [WorkPhase::Transport, WorkPhase::SettingDown]),
+    ] {
+        let version = bent(bench.version(family), Some(Bend::AbortCreeps));
+        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        check(&bench, &cast, family, &phases.map(|phase| (Abort, phase, 0)));
+    }
+}
+
+#[test]
+fn a_rollback_hook_that_says_done_at_once_fails_where_something_was_to_be_done() {
+    use DrillKind::Rollback;
+    let bench = Bench::new();
+    for family in ["grasp", "align", "place"] {
+        let version = bench.variant(family, &[("rollback = \"handover\"", "rollback = \"stay\"")]);
+        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        let (phase, passed) = match family {
+            // The arm is under way to something.
+            "grasp" => (WorkPhase::Lifting, 0),
+            "align" => (WorkPhase::Transport, 0),
+            _ => (WorkPhase::SettingDown, 0),
+        };
+        check(&bench, &cast, family, &[(Rollback, phase, passed)]);
+    }
+    // Also if it waits before it says so: a grasp goes on with the object in its hand.
+    let waits = bent(bench.version("grasp"), Some(Bend::RollbackWaits));
+    let cast = Cast { version: &waits, ..bench.cast(bench.version("grasp")) };
+    check(&bench, &cast, "waits", &[(Rollback, WorkPhase::Contact, 0)]);
+}
+
+#[test]
+fn a_rollback_hook_that_drops_the_object_fails() {
+    use DrillKind::Rollback;
+    let bench = Bench::new();
+    for family in ["grasp", "place"] {
+        let version = bent(bench.version(family), Some(Bend::RollbackDrops));
+        let cast = Cast { version: &version, ..bench.cast(bench.version(family)) };
+        let phase = if family == "grasp" { WorkPhase::Lifting } else { WorkPhase::SettingDown };
+        check(&bench, &cast, family, &[(Rollback, phase, 0)]);
+    }
+}
+
+#[test]
+fn a_fallback_that_cannot_take_over_what_is_held_fails() {
+    use DrillKind::Fallback;
+    let bench = Bench::new();
+    for (family, phase) in [("grasp", WorkPhase::Lifting), ("align", WorkPhase::Transport)] {
+        let opens = bent(bench.version("grasp"), Some(Bend::WorkOpens));
+        let cast = Cast { fallback: Some(&opens), ..bench.cast(bench.version(family)) };
+        check(&bench, &cast, family, &[(Fallback, phase, 0)]);
+    }
+    // An align is not admitted to an empty hand.
+    let cast = Cast { fallback: Some(bench.version("align")), ..bench.cast(bench.version("grasp")) };
+    check(&bench, &cast, "not admitted", &[(Fallback, WorkPhase::Approach, 0)]);
+    let cast = Cast { fallback: None, ..bench.cast(bench.version("grasp")) };
+    check(&bench, &cast, "none", &[(Fallback, WorkPhase::Approach, 0)]);
 }

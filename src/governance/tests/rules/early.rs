@@ -122,7 +122,7 @@ fn the_rule_that_ended_it_is_kept() {
 /// Drills with so many passed of so many done, alike in the four kinds.
 fn done(passed: u32, of: u32) -> Drills {
     let tally = DrillTally { passed, failed: of - passed, infeasible: 0 };
-    Drills { rollback: tally, fallback: tally, abort: tally, detect: tally }
+    Drills { rollback: tally, fallback: tally, abort: tally, detect: tally, ..Drills::default() }
 }
 
 #[test]
@@ -253,7 +253,7 @@ proptest! {
         let tally = |passed: u32, of: u32| DrillTally { passed, failed: of - passed, infeasible: 0 };
         let of = |passed: [u32; 4]| {
             let [rollback, fallback, abort, detect] = passed.map(|passed| tally(passed, 40));
-            Drills { rollback, fallback, abort, detect }
+            Drills { rollback, fallback, abort, detect, ..Drills::default() }
         };
         let full = RecoveryEvidence { binding: binding(), candidate: of(candidate), active: of(active) };
         let mut part = full;

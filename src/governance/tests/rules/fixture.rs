@@ -159,7 +159,7 @@ pub fn pairs(profile: &Profile) -> PairedEvidence {
 pub fn drills(passed: [u32; 4]) -> Drills {
     let [rollback, fallback, abort, detect] =
         passed.map(|passed| DrillTally { passed, failed: 100 - passed, infeasible: 0 });
-    Drills { rollback, fallback, abort, detect }
+    Drills { rollback, fallback, abort, detect, ..Drills::default() }
 }
 
 pub fn recovery(active: [u32; 4], candidate: [u32; 4]) -> RecoveryEvidence {

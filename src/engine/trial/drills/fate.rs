@@ -1,0 +1,131 @@
+//! What becomes of the object in a drill, read from its true pose and the forces on it.
+//!
+//! An arm that stands is no safe end if what it held lies broken. Reads and sorts; what a drill makes of it is its own.
+
+use holdpoint_body::RATE_HZ;
+use holdpoint_sim::world::World;
+
+use super::phases::is_held;
+
+/// How long a drill goes on watching after the arm stands, ticks: 1 s. A hand opens in .4 s at its slowest permitted
+/// speed, a fall from the highest lift (.4 m) takes .29 s, what rolls or slides has come to rest by then.
+pub const WATCH_TICKS: u64 = RATE_HZ as u64;
+
+/// The furthest that an object may come down without a hand, m: it then lands with .44 m/s. What is set down is let go
+/// within 1 to 4 mm of its seat.
+const FALL_MAX_M: f64 = 0.01;
+
+/// The fastest an object may be when a hand loses it off everything, m/s: it slides less than 1 cm at a friction of .3.
+const THROW_MAX_M_S: f64 = 0.25;
+
+/// The fastest an object may be at the end and still lie at rest, m/s.
+const REST_MAX_M_S: f64 = 0.05;
+
+/// Ticks over the limit from which a grip crushes: 50 ms, as at the guard.
+const CRUSH_TICKS: u32 = 12;
+
+/// Share by which the limit of the grip may be passed: as at the guard.
+const CRUSH_SHARE: f64 = 1.05;
+
+/// What became of the object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ObjectFate {
+    /// In the hand.
+    Held,
+    /// It stands on something, and came there without a fall.
+    SetDown,
+    /// It fell further than is set down, or is in the air without a hand.
+    Dropped,
+    /// It was fast when the hand lost it, or still moves.
+    Thrown,
+    /// It was pressed harder than the profile allows.
+    Crushed,
+}
+
+impl ObjectFate {
+    /// Whether nothing happened to it.
+    #[must_use]
+    pub const fn is_safe(self) -> bool {
+        match self {
+            Self::Held | Self::SetDown => true,
+            Self::Dropped | Self::Thrown | Self::Crushed => false,
+        }
+    }
+}
+
+/// Follows the object from where a drill begins.
+pub struct ObjectWatch {
+    grip_max_n: f64,
+    crush_ticks: u32,
+    held: bool,
+    /// The height it had when the hand lost it, or when it began to fly, m.
+    from_m: Option<f64>,
+    harm: Option<ObjectFate>,
+}
+
+impl ObjectWatch {
+    /// Begins with the world as it stands. `grip_max_n` is the profile's limit per finger.
+    #[must_use]
+    pub fn new(world: &World, grip_max_n: f64) -> Self {
+        Self { grip_max_n, crush_ticks: 0, held: is_held(world), from_m: None, harm: None }
+    }
+
+    /// What was done to it so far that is never undone.
+    #[must_use]
+    pub const fn harm(&self) -> Option<ObjectFate> {
+        self.harm
+    }
+
+    /// Takes one tick.
+    pub fn observe(&mut self, world: &World) {
+        let forces = world.forces();
+        let contacts = &forces.contacts;
+        let (object, speed) = world.object();
+        let height = object.translation.z;
+        let stands = contacts.object_fixture || contacts.object_clutter;
+        let touched = contacts.pad_object || contacts.body_object;
+        let held = is_held(world);
+        // Written so that a force that is no number counts as too large.
+        let crushes = !(forces.grip_n() <= CRUSH_SHARE * self.grip_max_n);
+        self.crush_ticks = if crushes { self.crush_ticks.saturating_add(1) } else { 0 };
+        if self.crush_ticks >= CRUSH_TICKS {
+            self.harm.get_or_insert(ObjectFate::Crushed);
+        }
+        if held {
+            self.from_m = None;
+        } else if self.held || !(touched || stands) {
+            let from = *self.from_m.get_or_insert(height);
+            if self.held && !stands && !(speed <= THROW_MAX_M_S) {
+                self.harm.get_or_insert(ObjectFate::Thrown);
+            }
+            self.fall(from, height);
+        } else if let Some(from) = self.from_m {
+            self.fall(from, height);
+            if stands && !touched {
+                self.from_m = None;
+            }
+        }
+        self.held = held;
+    }
+
+    fn fall(&mut self, from_m: f64, height_m: f64) {
+        if !(from_m - height_m <= FALL_MAX_M) {
+            self.harm.get_or_insert(ObjectFate::Dropped);
+        }
+    }
+
+    /// What became of it, as the world stands.
+    #[must_use]
+    pub fn fate(&self, world: &World) -> ObjectFate {
+        let contacts = world.contacts();
+        let stands = contacts.object_fixture || contacts.object_clutter;
+        match self.harm {
+            Some(harm) => harm,
+            None if is_held(world) => ObjectFate::Held,
+            // Nothing rests in the air.
+            None if world.object().1 <= REST_MAX_M_S => ObjectFate::SetDown,
+            None if stands => ObjectFate::Thrown,
+            None => ObjectFate::Dropped,
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! The drills of one kind in one phase of the work: nothing is averaged away over easy phases.
+//!
+//! A hand that opens when it is told to stop passes every drill in which it holds nothing. Says what the counts of each
+//! phase support; the outcome is the rule's of [`super`].
+
+use serde::{Deserialize, Serialize};
+
+use super::compare::{RateInterval, interval, is_worse};
+use crate::decision::{Dimension, Reason, ReasonCode};
+use crate::evidence::{DrillKind, RecoveryEvidence};
+use crate::phase::{PhaseTallies, WorkPhase};
+use crate::profile::Profile;
+
+/// Feasible drills from which the share of a phase counts: with five, a hook that always fails there is below half of
+/// any floor for certain, and one that fails in one of ten drills is with probability 1e-5 (none of five passes).
+pub const PHASE_DRILLS_MIN: u32 = 5;
+
+/// One kind of drill in one phase, both versions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhaseRates {
+    /// The kind of drill.
+    pub kind: DrillKind,
+    /// The phase in which the drills began.
+    pub phase: WorkPhase,
+    /// How often the candidate passed; absent with fewer than [`PHASE_DRILLS_MIN`].
+    pub candidate: Option<RateInterval>,
+    /// How often the active version passed; absent with fewer.
+    pub active: Option<RateInterval>,
+    /// The candidate passes in less than half of the floor and less often than the active version.
+    pub failing: bool,
+    /// The candidate's rate is established as lower at `evaluation.alpha`, shared by every kind in every phase that
+    /// both versions were drilled in.
+    pub established_worse: bool,
+    /// The active version was drilled here, and the candidate, whose work comes here too seldom, was not.
+    pub missing: bool,
+}
+
+/// Every kind in every phase that either version was drilled in.
+pub(super) fn phases(evidence: &RecoveryEvidence, profile: &Profile) -> Vec<PhaseRates> {
+    let (new, old) = (&evidence.candidate.phases, &evidence.active.phases);
+    let both = |place: &(DrillKind, WorkPhase)| {
+        [new, old].iter().all(|tallies| tallies.of(place.0, place.1).feasible() >= PHASE_DRILLS_MIN)
+    };
+    let compared = PhaseTallies::places().filter(both).count().max(1);
+    let alpha = profile.evaluation.alpha / compared as f64;
+    let least = 0.5 * profile.recovery.rho_floor;
+    let rates = |(kind, phase): (DrillKind, WorkPhase)| {
+        let (new, old) = (new.of(kind, phase), old.of(kind, phase));
+        let (candidate, active) = (interval(new, PHASE_DRILLS_MIN), interval(old, PHASE_DRILLS_MIN));
+        // Where the active version passes as seldom, that is a finding about it and no reason against its successor.
+        let worse_than = |rate: f64| active.is_none_or(|active| rate < active.rate);
+        let failing = candidate.is_some_and(|found| found.rate < least && worse_than(found.rate));
+        let established_worse = candidate.is_some() && active.is_some() && is_worse(new, old, alpha);
+        let missing = active.is_some() && 2 * new.feasible() < old.feasible();
+        PhaseRates { kind, phase, candidate, active, failing, established_worse, missing }
+    };
+    let drilled = |place: &(DrillKind, WorkPhase)| {
+        [new, old].iter().any(|tallies| tallies.of(place.0, place.1).feasible() > 0)
+    };
+    PhaseTallies::places().filter(drilled).map(rates).collect()
+}
+
+/// Says that the candidate fails in a phase, or is established as worse there.
+pub(super) fn reason(found: &PhaseRates, profile: &Profile) -> Option<Reason> {
+    let PhaseRates { kind, phase, candidate, active, .. } = found;
+    let rate = candidate.map_or(0.0, |candidate| candidate.rate);
+    let (code, text, limit) = if found.failing {
+        let text = format!("{kind} drills in the phase {phase} fail; other phases do not make up for it");
+        (ReasonCode::RecoveryPhaseFailing, text, 0.5 * profile.recovery.rho_floor)
+    } else if found.established_worse {
+        let text = format!("{kind} drills in the phase {phase} are established as passing less often");
+        (ReasonCode::RecoveryPhaseWorse, text, active.map_or(0.0, |active| active.rate))
+    } else {
+        return None;
+    };
+    Some(Reason::new(code, Dimension::Recovery, text).with(rate, limit))
+}
+
+/// Where the active version itself is weak: a kind below the floor, or a kind in one phase below half of it. No reason
+/// for or against a candidate, which is compared with it; somebody has to know.
+pub(super) fn weaknesses(
+    kinds: &[super::KindRates],
+    phases: &[PhaseRates],
+    profile: &Profile,
+) -> Vec<Reason> {
+    let floor = profile.recovery.rho_floor;
+    let reason = |what: String, rate: f64, limit: f64| {
+        let text = format!("the active version's own {what} pass too seldom: a weakness of what is active");
+        Reason::new(ReasonCode::RecoveryActiveWeak, Dimension::Recovery, text).with(rate, limit)
+    };
+    let of_kinds = kinds
+        .iter()
+        .filter(|found| found.active.rate < floor)
+        .map(|found| reason(format!("{} drills", found.kind), found.active.rate, floor));
+    let of_phases = phases.iter().filter_map(|found| {
+        let active = found.active.filter(|active| active.rate < 0.5 * floor)?;
+        let what = format!("{} drills in the phase {}", found.kind, found.phase);
+        Some(reason(what, active.rate, 0.5 * floor))
+    });
+    of_kinds.chain(of_phases).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::{Binding, DrillTally, Drills};
+    use crate::ids::Digest;
+    use crate::outcome::RecoveryOutcome;
+    use crate::profile::ProfileName;
+
+    const fn of(passed: u32, failed: u32) -> DrillTally {
+        DrillTally { passed, failed, infeasible: 0 }
+    }
+
+    /// Drills of every kind in four phases, ten each, all passed but those of one kind in one phase.
+    fn drills(kind: DrillKind, phase: WorkPhase, tally: DrillTally) -> Drills {
+        let mut drills = Drills::default();
+        for each in DrillKind::ALL {
+            for at in [WorkPhase::Approach, WorkPhase::Contact, WorkPhase::Holding, WorkPhase::Lifting] {
+                let tally = if (each, at) == (kind, phase) { tally } else { of(10, 0) };
+                *drills.phases.of_mut(each, at) = tally;
+                let whole = drills.of_mut(each);
+                *whole = of(whole.passed + tally.passed, whole.failed + tally.failed);
+            }
+        }
+        drills
+    }
+
+    fn judged(candidate: &Drills, active: &Drills) -> super::super::RecoveryAssessment {
+        let digest = Digest::of_parts("test", &[]);
+        let binding =
+            Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest };
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        super::super::assess(
+            &RecoveryEvidence { binding, candidate: *candidate, active: *active },
+            &binding,
+            &profile,
+        )
+    }
+
+    #[test]
+    fn one_phase_is_not_averaged_away() {
+        let good = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
+        let abort = |passed| drills(DrillKind::Abort, WorkPhase::Lifting, of(passed, 10 - passed));
+        for (candidate, active, outcome, code) in [
+            (good, good, RecoveryOutcome::Compatible, ReasonCode::RecoveryCompatible),
+            // A quarter of all aborts, rho .93: without its phase it would be compatible.
+            (abort(0), good, RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
+            (abort(3), good, RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
+            // Half as weak as the active version is worse; as weak as it is not.
+            (abort(0), abort(1), RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
+            (abort(1), abort(1), RecoveryOutcome::Compatible, ReasonCode::RecoveryCompatible),
+            (abort(9), good, RecoveryOutcome::Compatible, ReasonCode::RecoveryCompatible),
+        ] {
+            let found = judged(&candidate, &active).assessment;
+            assert_eq!(found.outcome, outcome, "{:?}", found.reasons);
+            assert!(found.reasons.iter().any(|reason| reason.code == code), "{:?}", found.reasons);
+        }
+    }
+
+    #[test]
+    fn what_is_found_in_one_phase_of_many() {
+        // Ten drills in each of sixteen places, the active version passing all: the fewest failures that count.
+        let abort = |failed| drills(DrillKind::Abort, WorkPhase::Lifting, of(10 - failed, failed));
+        let outcomes: Vec<RecoveryOutcome> =
+            (0..=10).map(|failed| judged(&abort(failed), &abort(0)).assessment.outcome).collect();
+        let first = |outcome| outcomes.iter().position(|found| *found == outcome);
+        assert_eq!(first(RecoveryOutcome::Incompatible), Some(7), "{outcomes:?}");
+        assert!(outcomes[7..].iter().all(|found| *found == RecoveryOutcome::Incompatible), "{outcomes:?}");
+    }
+
+    #[test]
+    fn a_phase_the_candidate_never_shows_is_missing_evidence() {
+        let good = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
+        let mut without = good;
+        for kind in DrillKind::ALL {
+            *without.phases.of_mut(kind, WorkPhase::Lifting) =
+                DrillTally { passed: 0, failed: 0, infeasible: 20 };
+        }
+        let found = judged(&without, &good).assessment;
+        assert_eq!(found.outcome, RecoveryOutcome::NoData);
+        assert!(found.reasons.iter().any(|reason| reason.text.contains("lifting")), "{:?}", found.reasons);
+    }
+
+    #[test]
+    fn a_weakness_of_the_active_version_is_said() {
+        let weak = drills(DrillKind::Detect, WorkPhase::Lifting, of(2, 8));
+        let found = judged(&weak, &weak).assessment;
+        let said = found.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
+        assert_eq!(said.count(), 1, "the phase, and no kind as a whole: {:?}", found.reasons);
+        assert_eq!(found.outcome, RecoveryOutcome::Compatible);
+    }
+
+    #[test]
+    fn tallies_by_phase_are_kept_as_rows() {
+        let drills = drills(DrillKind::Abort, WorkPhase::Lifting, of(4, 6));
+        let text = serde_json::to_string(&drills).unwrap();
+        assert_eq!(serde_json::from_str::<Drills>(&text).unwrap(), drills);
+        let row = r#"{"kind":"abort","phase":"lifting","passed":4,"failed":6,"infeasible":0}"#;
+        assert!(text.contains(row), "{text}");
+        let twice = text.replace("\"phases\":[", &format!("\"phases\":[{row},"));
+        let told = serde_json::from_str::<Drills>(&twice).unwrap_err().to_string();
+        assert!(told.contains("abort drills in lifting are there twice"), "{told}");
+        assert!(!serde_json::to_string(&Drills::default()).unwrap().contains("phases"));
+    }
+}
