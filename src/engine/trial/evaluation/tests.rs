@@ -5,7 +5,9 @@ use crate::cell::Cell;
 use crate::trial::crew::Crew;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::trial::undisturbed::Shelf;
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::outcome::RecoveryOutcome;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::Store;
@@ -27,6 +29,16 @@ fn binding() -> Binding {
     Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest }
 }
 
+/// A version from its folder under `manifests/`, with other texts in its package.
+fn version(folder: &str, changes: &[(&str, &str)]) -> Capability {
+    let mut package = capability::read(&Path::new(crate::MANIFESTS).join(folder)).unwrap();
+    for (from, to) in changes {
+        assert!(package.params.contains(from), "{folder} has no {from}");
+        package.params = package.params.replacen(from, to, 1);
+    }
+    Capability::load(folder, package).unwrap()
+}
+
 /// Both versions on calibration seeds, from their folders under `manifests/`.
 fn evaluate(candidate: &str, active: &str, profile: &Profile) -> (Evaluation, Vec<String>) {
     evaluate_in_parts(candidate, active, profile, usize::MAX)
@@ -38,21 +50,28 @@ fn evaluate_in_parts(
     profile: &Profile,
     part: usize,
 ) -> (Evaluation, Vec<String>) {
+    evaluate_versions(&version(candidate, &[]), &version(active, &[]), profile, (part, 1))
+}
+
+fn evaluate_versions(
+    candidate: &Capability,
+    active: &Capability,
+    profile: &Profile,
+    (part, seed): (usize, u64),
+) -> (Evaluation, Vec<String>) {
     let cell = Cell::builtin().unwrap();
     let table = Arc::new(PolicyTable::builtin(profile).unwrap());
     let terms = SkillTerms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
-    let party = |folder: &str| {
-        let manifests = Path::new(crate::MANIFESTS);
-        let path = manifests.join(folder);
-        let version = Capability::load(folder, capability::read(&path).unwrap()).unwrap();
-        let park = Capability::load("park", capability::read(&manifests.join("park/1.0.0")).unwrap());
-        Party { version, terms: terms.clone(), fallback: park.ok() }
+    let party = |version: &Capability| Party {
+        version: version.clone(),
+        terms: terms.clone(),
+        fallback: Some(self::version("park/1.0.0", &[])),
     };
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let cancel = AtomicBool::new(false);
     let lab = Lab {
-        seed: CALIBRATION_FROM_RUN + 1,
+        seed: CALIBRATION_FROM_RUN + seed,
         crew: &Crew::new(2),
         undisturbed: &Arc::new(Shelf::new()),
         part,
@@ -98,7 +117,7 @@ fn a_candidate_that_cannot_stop_is_lost_early() {
     ));
     assert!(evaluation.done() < evaluation.plan.budget(), "{} done", evaluation.done());
     let (_, recovery) = evaluation.assess(&profile);
-    assert_eq!(recovery.assessment.outcome, holdpoint_governance::outcome::RecoveryOutcome::Incompatible);
+    assert_eq!(recovery.assessment.outcome, RecoveryOutcome::Incompatible);
 }
 
 #[test]
@@ -124,4 +143,71 @@ fn what_is_tried_again_does_not_exceed_the_budget() {
 fn a_hard_stop_before_the_first_pair_ends_it() {
     let evaluation = Evaluation::new(Plan::sandbox(&small()), binding(), vec![HardStop::MotionAfterStop]);
     assert_eq!(evaluation.ended(), Some(EndReason::HardStop));
+}
+
+/// What the drills make of variants of the baselines over so many seeds, with few pairs, which are not looked at.
+fn recoveries(folder: &str, changes: &[(&str, &str)], seeds: u64) -> Vec<(RecoveryOutcome, Vec<ReasonCode>)> {
+    let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+    profile.evaluation.sandbox_pairs = 20;
+    let (candidate, active) = (version(folder, changes), version(folder, &[]));
+    let recovery = |seed| {
+        let (evaluation, _) = evaluate_versions(&candidate, &active, &profile, (usize::MAX, seed));
+        let rehearsed = evaluation.rehearsed();
+        let found = recovery::assess_ended(
+            &rehearsed,
+            &binding(),
+            &profile,
+            evaluation.ended().unwrap_or(EndReason::Full),
+        );
+        let assessment = found.assessment;
+        (assessment.outcome, assessment.reasons.iter().map(|reason| reason.code).collect())
+    };
+    (1..=seeds).map(recovery).collect()
+}
+
+/// Written down before the run: each is incompatible under every seed.
+const BAD_HOOKS: [(&str, (&str, &str)); 5] = [
+    ("grasp/1.0.0", ("abort = \"hold\"", "abort = \"release\"")),
+    ("place/1.0.0", ("abort = \"hold\"", "abort = \"release\"")),
+    ("grasp/1.0.0", ("rollback = \"handover\"", "rollback = \"stay\"")),
+    ("align/1.0.0", ("rollback = \"handover\"", "rollback = \"stay\"")),
+    ("place/1.0.0", ("rollback = \"handover\"", "rollback = \"stay\"")),
+];
+
+/// Written down before the run: none is incompatible, or without evidence, under any seed.
+const HONEST: [(&str, (&str, &str)); 5] = [
+    ("grasp/1.0.0", ("approach_speed_m_s = 0.35", "approach_speed_m_s = 0.25")),
+    ("grasp/1.0.0", ("close_speed_m_s = 0.12", "close_speed_m_s = 0.08")),
+    ("grasp/1.0.0", ("approach_height_m = 0.1", "approach_height_m = 0.13")),
+    ("grasp/1.0.0", ("settle_secs = 0.1", "settle_secs = 0.25")),
+    ("grasp/1.0.0", ("safe_height_m = 0.12", "safe_height_m = 0.15")),
+];
+
+fn judge_packages(seeds: u64) {
+    for (folder, change) in BAD_HOOKS {
+        for (outcome, codes) in recoveries(folder, &[change], seeds) {
+            assert_eq!(outcome, RecoveryOutcome::Incompatible, "{folder} {change:?}: {codes:?}");
+        }
+    }
+    for (folder, change) in HONEST {
+        for (outcome, codes) in recoveries(folder, &[change], seeds) {
+            let kept = !matches!(outcome, RecoveryOutcome::Incompatible | RecoveryOutcome::NoData);
+            assert!(kept, "{folder} {change:?}: {outcome:?} {codes:?}");
+            let in_a_phase = |code: &ReasonCode| {
+                matches!(code, ReasonCode::RecoveryPhaseFailing | ReasonCode::RecoveryPhaseWorse)
+            };
+            assert!(!codes.iter().any(in_a_phase), "{folder} {change:?}: {codes:?}");
+        }
+    }
+}
+
+#[test]
+fn packages_with_bad_hooks_are_lost_and_honest_ones_are_kept() {
+    judge_packages(1);
+}
+
+#[test]
+#[ignore = "minutes: fifty evaluations"]
+fn packages_are_judged_the_same_over_five_seeds() {
+    judge_packages(5);
 }
