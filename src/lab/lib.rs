@@ -9,3 +9,6 @@ pub mod bench;
 pub mod experiment;
 pub mod pool;
 pub mod refine;
+
+#[cfg(test)]
+mod harm_cases;

@@ -4,6 +4,7 @@ pub mod arm;
 pub mod capability;
 pub mod grant;
 pub mod guard;
+pub mod harm;
 pub mod limits;
 pub mod meter;
 pub mod recovery;
