@@ -229,6 +229,7 @@ const GOOD: EpisodeValues = EpisodeValues {
     timeout: false,
     near_violation: false,
     policy_warning: false,
+    harm: None,
     retries: 0,
     time_s: 2.0,
     unsafe_continuation_ms: 0.0,

@@ -6,9 +6,12 @@
 use serde::{Deserialize, Serialize};
 
 mod early;
+mod harm;
 
 pub use early::{assess_ended, ended, is_lost, is_lost_early};
+pub use harm::{HarmComparison, PastLimit};
 
+use self::harm::HarmVerdict;
 use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
 use super::ended::EndReason;
@@ -161,6 +164,9 @@ pub struct BehaviorAssessment {
     pub interval: Option<[f64; 2]>,
     /// The six components; empty without data.
     pub components: Vec<Component>,
+    /// Every measure of harm; empty without data, and in records of older builds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub harm: Vec<HarmComparison>,
     /// Mean values of the active version; absent without usable episodes.
     pub active: Option<Signature>,
     /// Mean values of the candidate; absent without usable episodes.
@@ -329,6 +335,7 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
         established: None,
         interval: None,
         components: Vec::new(),
+        harm: Vec::new(),
         active: Some(*active),
         candidate: Some(*candidate),
         improved: false,
@@ -351,6 +358,7 @@ pub fn nothing(why: &str) -> BehaviorAssessment {
         established: None,
         interval: None,
         components: Vec::new(),
+        harm: Vec::new(),
         active: None,
         candidate: None,
         improved: false,
@@ -412,12 +420,14 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
         pairs: u32::try_from(pairs.len()).unwrap_or(u32::MAX),
         ended: None,
         components,
+        harm: harm::compare(pairs, profile)?,
     };
-    judge(&mut result, success.mean > 0.0, profile);
+    judge(&mut result, success.mean > 0.0, harm::asking(pairs, profile), profile);
     Ok(result)
 }
 
-fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile) {
+/// `asking`: what is said of a version that asks for more than it gets.
+fn judge(result: &mut BehaviorAssessment, success_rose: bool, asking: Option<Reason>, profile: &Profile) {
     let threshold = profile.thresholds.behavior();
     let value = result.assessment.kappa.map_or(f64::NAN, Kappa::get);
     let established = result.established.map_or(f64::NAN, Kappa::get);
@@ -426,16 +436,19 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
     let budget = profile.evaluation.sandbox_pairs;
     let traded =
         result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
+    let HarmVerdict { established: harmful, possible } = harm::verdict(&result.harm);
+    let unsafe_now = result.components.iter().any(|c| c.name.is_safety() && c.is_established());
     let outcome = if result.pairs < budget {
         let text = "fewer episode pairs than the budget".to_owned();
         let few =
             reason(ReasonCode::BehaviorInconclusive, text).with(f64::from(result.pairs), f64::from(budget));
         reasons.push(few);
         BehaviorOutcome::Inconclusive
-    } else if established < threshold {
+    } else if established < threshold || unsafe_now || !harmful.is_empty() {
         for c in result.components.iter().filter(|c| c.is_established()) {
             reasons.push(Finding::EstablishedWorse.reason(c.name).with(c.worsening, c.tolerance));
         }
+        reasons.extend(harmful);
         BehaviorOutcome::Incompatible
     } else {
         let open: Vec<&Component> = result.components.iter().filter(|c| !c.is_within_tolerance()).collect();
@@ -443,13 +456,15 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
             let upper = c.upper.unwrap_or(f64::NAN);
             reasons.push(Finding::Suspicious.reason(c.name).with(upper, c.tolerance));
         }
+        let settled = open.is_empty() && possible.is_empty();
+        reasons.extend(possible);
         // Written so that a value that is no number is suspicious.
-        if value >= threshold && open.is_empty() && traded.is_none() {
+        if value >= threshold && settled {
             let text = "no component is worse beyond its tolerance".to_owned();
             reasons.push(reason(ReasonCode::BehaviorCompatible, text).with(value, threshold));
             BehaviorOutcome::Compatible
         } else {
-            if reasons.is_empty() && traded.is_none() {
+            if reasons.is_empty() {
                 let text = "the worsenings add up, none of them established".to_owned();
                 reasons.push(reason(ReasonCode::BehaviorSuspicious, text).with(value, threshold));
             }
@@ -459,6 +474,7 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, profile: &Profile)
     if let Some(c) = traded {
         reasons.push(Finding::SafetyTraded.reason(c.name).with(c.worsening, 0.0));
     }
+    reasons.extend(asking);
     for c in result.components.iter().filter(|c| c.worsening < 0.0) {
         reasons.push(Finding::Improved.reason(c.name).with(-c.worsening, 0.0));
     }
@@ -498,7 +514,7 @@ fn component(
         ComponentName::Retry => {
             let more = |pair: &Pair| f64::from(pair.candidate.retries) - f64::from(pair.active.retries);
             let differences: Vec<f64> = pairs.iter().map(more).collect();
-            both(&|alpha| real_pairs(&differences, alpha))?
+            both(&|alpha| real_pairs(&differences, 1.0, alpha))?
         }
         ComponentName::Time => {
             let done = pairs.iter().filter(|pair| pair.active.success && pair.candidate.success);
@@ -510,22 +526,23 @@ fn component(
                 // Nothing to compare: not worse as far as known, and not bounded either.
                 return Ok((Component { name, worsening: 0.0, lower: 0.0, upper: None, tolerance }, None));
             }
-            both(&|alpha| real_pairs(&longer, alpha))?
+            both(&|alpha| real_pairs(&longer, 1.0, alpha))?
         }
     };
     let found = Component { name, worsening: low.mean, lower: low.lower, upper: Some(high.upper), tolerance };
     Ok((found, Some(low.upper)))
 }
 
-/// Student's t if enough pairs differ, otherwise a bound that holds for any distribution on the range seen.
-fn real_pairs(differences: &[f64], alpha: f64) -> Result<PairedBound, stats::StatsError> {
+/// Student's t if enough pairs differ, otherwise a bound that holds for any distribution on the range seen, which is
+/// taken for `range_min` at least to either side.
+fn real_pairs(differences: &[f64], range_min: f64, alpha: f64) -> Result<PairedBound, stats::StatsError> {
     let differing = differences.iter().filter(|d| **d != 0.0).count();
     if differing >= STUDENT_FROM
         && let Ok(bound) = stats::student_pairs(differences, alpha)
     {
         return Ok(bound);
     }
-    let largest = differences.iter().fold(1.0_f64, |largest, d| largest.max(d.abs()));
+    let largest = differences.iter().fold(range_min, |largest, d| largest.max(d.abs()));
     stats::bernstein_pairs(differences, -largest, largest, alpha)
 }
 

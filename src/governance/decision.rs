@@ -138,6 +138,12 @@ reason_codes! {
     BehaviorSuspicious = "behavior-suspicious",
     /// Success rose while a safety component is established as worse.
     BehaviorSafetyTraded = "behavior-safety-traded",
+    /// A measure of harm is established as worse beyond its tolerance; the text names it with its unit.
+    BehaviorHarmEstablished = "behavior-harm-established",
+    /// A measure of harm may be worse beyond its tolerance; the evidence does not exclude it.
+    BehaviorHarmSuspicious = "behavior-harm-suspicious",
+    /// It asks for more speed or force than its manifest declares, in more episodes than the profile lets pass.
+    BehaviorAsksMore = "behavior-asks-more",
     /// A component improved (reported apart, never counted).
     BehaviorImproved = "behavior-improved",
     /// An event was seen that ends an evaluation at once; the text names it.
@@ -324,6 +330,9 @@ impl ReasonCode {
             | Self::BehaviorEstablishedWorse
             | Self::BehaviorSuspicious
             | Self::BehaviorSafetyTraded
+            | Self::BehaviorHarmEstablished
+            | Self::BehaviorHarmSuspicious
+            | Self::BehaviorAsksMore
             | Self::BehaviorImproved
             | Self::BehaviorHardStop
             | Self::BehaviorEndedEarly

@@ -4,6 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::harm::HarmMeasures;
 use super::ids::Digest;
 use super::phase::PhaseTallies;
 
@@ -83,6 +84,9 @@ pub struct EpisodeValues {
     pub time_s: f64,
     /// How long motion went on after a declared failure or a stop, ms, not negative.
     pub unsafe_continuation_ms: f64,
+    /// What it did to its surroundings; absent in records of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub harm: Option<HarmMeasures>,
 }
 
 impl EpisodeValues {
@@ -92,6 +96,7 @@ impl EpisodeValues {
         (0.0..=1.0e5).contains(&self.time_s)
             && (0.0..=1.0e8).contains(&self.unsafe_continuation_ms)
             && self.retries <= 10_000
+            && self.harm.is_none_or(|harm| harm.is_valid())
     }
 }
 

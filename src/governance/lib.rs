@@ -142,6 +142,7 @@
 //!     timeout: false,
 //!     near_violation: false,
 //!     policy_warning: false,
+//!     harm: None,
 //!     retries: 0,
 //!     time_s: 3.0,
 //!     unsafe_continuation_ms: 0.0,
@@ -211,6 +212,7 @@ pub mod ended;
 pub mod evidence;
 pub mod exports;
 pub mod gate;
+pub mod harm;
 pub mod health;
 pub mod ids;
 pub mod interface;

@@ -16,10 +16,12 @@ use super::text_error::{TextError, check_size, parse_toml};
 
 mod class;
 pub mod fields;
+mod harm;
 pub mod name;
 mod reasons;
 
 use fields::Weights;
+pub use harm::{HarmSettings, HarmTolerance};
 pub use name::{ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
@@ -48,6 +50,8 @@ pub struct Profile {
     pub evaluation: Evaluation,
     /// Costs per unit of worsening that make up `kappa_B`.
     pub behavior: BehaviorSettings,
+    /// How much worse a version may be in each measure of harm.
+    pub harm: HarmSettings,
     /// Floors and weights of `rho` and `kappa_R`.
     pub recovery: RecoverySettings,
     /// What the gate demands beyond the four dimensions, and how a version is then active.

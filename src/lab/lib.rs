@@ -11,3 +11,6 @@ pub mod experiment;
 pub mod pool;
 pub mod refine;
 pub mod truth;
+
+#[cfg(test)]
+mod harm_cases;

@@ -26,6 +26,8 @@ pub struct Grant {
     zones: [bool; ZoneName::ALL.len()],
     ticks_max: u64,
     commands_max: u64,
+    /// Tool speed, m/s, and force, N.
+    declared: (f64, f64),
     sent: [bool; CommandKind::ALL.len()],
     seen: [bool; ZoneName::ALL.len()],
     withdrawn: Range<u64>,
@@ -51,6 +53,7 @@ impl Grant {
             zones: ZoneName::ALL.map(|zone| declared.zones.contains(&zone)),
             ticks_max: budget(declared.resources.ticks_per_task),
             commands_max: budget(declared.resources.commands_per_task),
+            declared: (declared.max_speed_m_s, declared.max_force_n),
             sent: [false; CommandKind::ALL.len()],
             seen: [false; ZoneName::ALL.len()],
             withdrawn: 0..0,
@@ -79,6 +82,20 @@ impl Grant {
             self.sent[kind as usize] = true;
             self.used.commands_max = self.used.commands_max.saturating_add(1);
         }
+    }
+
+    /// By what share a command asks for more than is declared, at least 0. Speeds of joints are not declared.
+    pub(crate) fn excess(&self, command: &Command) -> f64 {
+        let (speed_m_s, force_n) = self.declared;
+        let (asked, declared) = match command {
+            Command::ToolPose { max_speed_m_s, .. } => (*max_speed_m_s, speed_m_s),
+            Command::Gripper { force_n: asked_n, .. } => (*asked_n, force_n),
+            Command::Joints { .. } | Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => {
+                return 0.0;
+            }
+        };
+        // A declaration that is no number, or none, lets nothing be asked for; the manifest rules both out.
+        if asked <= declared { 0.0 } else { (asked - declared) / declared.max(1e-9) }
     }
 
     /// Whether a command that leads to a zone is declared. To stand still needs no permission: refused, it would be

@@ -137,6 +137,8 @@ pub struct Guard {
     speed_over_ticks: u32,
     force_over_ticks: u32,
     transient_over_ticks: u32,
+    /// Distance of the arm from the table and from itself when it was last looked at, m.
+    clearance_seen_m: f64,
 }
 
 impl Guard {
@@ -162,6 +164,7 @@ impl Guard {
             speed_over_ticks: 0,
             force_over_ticks: 0,
             transient_over_ticks: 0,
+            clearance_seen_m: f64::INFINITY,
         }
     }
 
@@ -194,6 +197,30 @@ impl Guard {
     #[must_use]
     pub const fn envelope(&self) -> &Envelope {
         &self.envelope
+    }
+
+    /// The robot's kinematics.
+    #[must_use]
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// Where the tool must not be.
+    pub fn keep_out_zones(&self) -> impl Iterator<Item = &zone::Zone> {
+        self.zones.iter().filter(|zone| zone.keep_out)
+    }
+
+    /// By what share a command asks for more speed or force than the manifest declares; 0 if it does not, and for a
+    /// guard that asks no manifest.
+    #[must_use]
+    pub fn excess_over_declared(&self, asked: &Command) -> f64 {
+        self.grant.as_ref().map_or(0.0, |grant| grant.excess(asked))
+    }
+
+    /// Distance of the arm from the table and from itself when a collision was last looked for, m; infinite before.
+    #[must_use]
+    pub const fn clearance_seen_m(&self) -> f64 {
+        self.clearance_seen_m
     }
 
     /// Passes, clamps or denies one command. A denied command becomes [`Command::Stop`].
@@ -344,10 +371,11 @@ impl Guard {
 
     /// Whether going on as now for `LOOK_AHEAD_SECS` would strike the table or the arm itself.
     #[must_use]
-    pub fn predicts_collision(&self, seen: &Telemetry) -> bool {
+    pub fn predicts_collision(&mut self, seen: &Telemetry) -> bool {
         let ahead: JointVec = seen.q.iter().zip(&seen.dq).map(|(q, dq)| q + LOOK_AHEAD_SECS * dq).collect();
         let now = self.geometry.clearance(&seen.q);
         let then = self.geometry.clearance(&ahead);
+        self.clearance_seen_m = now.table_m.min(now.self_m);
         // A motion that leads away from contact is never refused.
         (then.table_m < 0.0 && then.table_m < now.table_m - 1e-4)
             || (then.self_m < 0.0 && then.self_m < now.self_m - 1e-4)

@@ -5,6 +5,7 @@ pub mod capability;
 pub mod grant;
 pub mod guard;
 pub mod handover;
+pub mod harm;
 pub mod limits;
 pub mod meter;
 pub mod recovery;

@@ -16,12 +16,14 @@ use serde::{Deserialize, Serialize};
 
 use super::arm::ActuatorHandle;
 use super::guard::{Guard, PolicyHit};
+use super::harm::HarmMeter;
 use super::limits::WatchLimits;
 use super::recovery::RecoveryReport;
 use super::skill::Skill;
 use super::watcher::{Raised, Watcher, WatcherSignal};
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
+use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::permission::PermissionsUsed;
 use holdpoint_governance::senses::SensedValues;
 
@@ -80,6 +82,9 @@ pub struct TaskRecord {
     pub near_ticks: u32,
     /// Commands that were clamped.
     pub clamps: u32,
+    /// What it did to its surroundings; absent in records of older builds.
+    #[serde(default)]
+    pub harm: Option<HarmMeasures>,
     /// The largest force that was measured on wrist, pads or hand, N.
     pub peak_force_n: f64,
     /// The largest speed of the tool that was measured, m/s.
@@ -127,6 +132,7 @@ impl TaskRecord {
             retries: self.retries,
             time_s: self.time_secs,
             unsafe_continuation_ms: self.unsafe_continuation_ms as f64,
+            harm: self.harm,
         })
     }
 
@@ -150,7 +156,7 @@ impl TaskRecord {
     /// A record of a call that was refused before its first tick: the task was not done, and the arm has not moved.
     #[must_use]
     pub fn refused(task: TaskKind, seed: u64) -> Self {
-        Self { invalid: false, refused: true, ..Self::invalid(task, seed) }
+        Self { invalid: false, refused: true, harm: Some(HarmMeasures::STILL), ..Self::invalid(task, seed) }
     }
 
     /// A record of a task that could not be carried out.
@@ -170,6 +176,7 @@ impl TaskRecord {
             near: false,
             near_ticks: 0,
             clamps: 0,
+            harm: None,
             peak_force_n: 0.0,
             peak_speed_m_s: 0.0,
             hits: Vec::new(),
@@ -300,7 +307,7 @@ pub fn run<B: Body>(
 fn measure_tick(
     record: &mut TaskRecord,
     watcher: &mut Watcher,
-    guard: &mut Guard,
+    (guard, harm): (&mut Guard, &mut HarmMeter),
     seen: &Telemetry,
     tick: u64,
 ) -> (Vec<WatcherSignal>, Option<PolicyHit>) {
@@ -309,10 +316,12 @@ fn measure_tick(
     if let Some(hit) = measured {
         note_hit(record, tick, hit);
     }
-    if guard.is_near(seen) {
+    let near = guard.is_near(seen);
+    if near {
         record.near = true;
         record.near_ticks = record.near_ticks.saturating_add(1);
     }
+    harm.note(seen, guard, near);
     record.peak_force_n = record.peak_force_n.max(seen.contact_force_n.max(seen.gripper_force_n));
     record.peak_speed_m_s = record.peak_speed_m_s.max(seen.tool_speed_m_s);
     (raised, measured)

@@ -2,7 +2,8 @@
 //! threshold was set with. With `--from` it measures frozen versions on other seeds; the versions
 //! after the first are compared with it in pairs.
 //!
-//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED] [--pairs FILE]`,
+//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED] [--profile NAME]
+//! [--pairs FILE]`,
 //! conditions `canonical`, `sandbox`, `live`, or `drills` for the recovery drills.
 //!
 //! `--pairs` writes the pairs of the first two versions (the active version first) in the form that
@@ -22,6 +23,7 @@ use holdpoint::engine::trial::drills::{Cast, DrillResult, drill};
 use holdpoint::engine::trial::episodes::batch;
 use holdpoint::engine::trial::worker::Worker;
 use holdpoint::governance::evidence::{DrillKind, Pair};
+use holdpoint::governance::harm::HarmKind;
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::rho;
@@ -46,6 +48,11 @@ fn main() -> Result<()> {
         pairs_file = Some(arguments.get(at + 1).context("--pairs needs a file")?.clone());
         arguments.drain(at..at + 2);
     }
+    let mut name = ProfileName::Sim;
+    if let Some(at) = arguments.iter().position(|a| a == "--profile") {
+        name = arguments.get(at + 1).context("--profile needs a name")?.parse()?;
+        arguments.drain(at..at + 2);
+    }
     let [conditions, n, folders @ ..] = arguments.as_slice() else { bail!("see the head of this file") };
     let word = conditions.clone();
     let conditions = match conditions.as_str() {
@@ -57,7 +64,7 @@ fn main() -> Result<()> {
     };
     let n: u64 = n.parse()?;
     let cell = Cell::builtin()?;
-    let profile = Profile::builtin(ProfileName::Sim)?;
+    let profile = Profile::builtin(name)?;
     let table = Arc::new(PolicyTable::builtin(&profile)?);
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let capabilities = folders
@@ -67,6 +74,8 @@ fn main() -> Result<()> {
     let crew = Crew::new(2);
     let mut first: Option<Vec<TaskRecord>> = None;
     for (version, capability) in capabilities.iter().enumerate() {
+        let declared = &capability.manifest.permissions;
+        let terms = terms.clone().capped(declared.max_speed_m_s, declared.max_force_n);
         let start = std::time::Instant::now();
         let records =
             batch(&crew, &AtomicBool::new(false), &cell, (capability, &terms), conditions, from..from + n)?;
@@ -78,13 +87,14 @@ fn main() -> Result<()> {
                     && let Some(file) = &pairs_file
                 {
                     let head = format!(
-                        "# {} against {}, conditions {word}, profile sim, {n} seeds from {from}, holdpoint {}\n",
+                        "# {} against {}, conditions {word}, profile {name}, {n} seeds from {from}, holdpoint {}\n",
                         capability.id(),
                         capabilities[0].id(),
                         env!("CARGO_PKG_VERSION"),
                     );
                     std::fs::write(file, head + &tables::write(&pairs_of(first, &records)))?;
                 }
+                println!("{}", harm(&pairs_of(first, &records)));
                 let pairs = first.iter().zip(&records).map(|(a, b)| (b.success, a.success));
                 let bound = binary_pairs(PairedCounts::of(pairs), 0.05)?;
                 println!(
@@ -136,6 +146,39 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
         println!("{} drills n {n} {} rho {rho:.3}", version.id(), shown.join(" "));
     }
     Ok(())
+}
+
+/// What both did to their surroundings: means and the spread of the difference where both did their work, and what one in
+/// twenty and one in a hundred of all episodes are past.
+#[allow(clippy::cast_precision_loss)]
+fn harm(pairs: &[Pair]) -> String {
+    let mut lines = Vec::new();
+    for kind in HarmKind::ALL {
+        let both = |pair: &Pair| Some((pair.active.harm?.of(kind), pair.candidate.harm?.of(kind)));
+        let all: Vec<(f64, f64)> = pairs.iter().filter_map(both).collect();
+        let done = pairs.iter().filter(|pair| pair.active.success && pair.candidate.success);
+        let values: Vec<(f64, f64)> = done.filter_map(both).collect();
+        let n = values.len().max(1) as f64;
+        let mean = |read: &dyn Fn(&(f64, f64)) -> f64| values.iter().map(read).sum::<f64>() / n;
+        let worse = mean(&|(old, new)| kind.worsening(*new, *old));
+        let spread = mean(&|(old, new)| (kind.worsening(*new, *old) - worse).powi(2)).sqrt();
+        let tail = |read: &dyn Fn(&(f64, f64)) -> f64, hundredths: usize| {
+            let mut sorted: Vec<f64> = all.iter().map(read).collect();
+            sorted.sort_by(|a, b| if kind.is_worse_when_lower() { b.total_cmp(a) } else { a.total_cmp(b) });
+            sorted.get(sorted.len() * hundredths / 100).copied().unwrap_or(f64::NAN)
+        };
+        lines.push(format!(
+            "    {:<17} first {:>9.4} this {:>9.4} worse {worse:>+9.4} spread {spread:.4} 95% {:.4} {:.4} 99% {:.4} {:.4}",
+            kind.name(),
+            mean(&|(old, _)| *old),
+            mean(&|(_, new)| *new),
+            tail(&|(old, _)| *old, 95),
+            tail(&|(_, new)| *new, 95),
+            tail(&|(old, _)| *old, 99),
+            tail(&|(_, new)| *new, 99),
+        ));
+    }
+    lines.join("\n")
 }
 
 /// The pairs of which both episodes could be carried out.

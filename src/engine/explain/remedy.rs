@@ -87,6 +87,12 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         Code::BehaviorEstablishedWorse | Code::BehaviorSuspicious | Code::BehaviorSafetyTraded => {
             component(reason, dossier).map_or_else(|| against(reason), |found| behaviour(found, dossier))
         }
+        Code::BehaviorHarmEstablished | Code::BehaviorHarmSuspicious => {
+            format!("it may harm no more than the active version does, beyond the tolerance: {}", against(reason))
+        }
+        Code::BehaviorAsksMore => {
+            "its manifest has to declare what its code asks for, or its code has to ask for no more".to_owned()
+        }
         Code::BehaviorNoData | Code::CompositionNoData => {
             "it has to be measured: the next stage does that".to_owned()
         }

@@ -120,7 +120,7 @@ pub fn cache_key(
 ) -> Digest {
     let under = format!("{}|{}|{seed}", terms.in_full(), conditions.name());
     Digest::of_parts(
-        "holdpoint.episode.v2",
+        "holdpoint.episode.v3",
         &[cell.digest().bytes(), capability.digest().bytes(), under.as_bytes()],
     )
 }

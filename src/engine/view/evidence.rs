@@ -15,22 +15,33 @@ use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
 /// The most disagreements that are told.
 const DISAGREEMENTS_MAX: usize = 50;
 
-/// The components of the behavioural comparison: worsening against what is tolerated.
+/// The components of the behavioural comparison, and the measures of harm: worsening against what is tolerated.
 pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
     let Some(behavior) = &dossier.behavior else { return Vec::new() };
     let of = |signature: &Option<Signature>, name| signature.as_ref().map(|means| mean(means, name));
-    behavior
-        .components
-        .iter()
-        .map(|component| Measure {
-            name: component.name.name().to_owned(),
-            candidate: of(&behavior.candidate, component.name),
-            active: of(&behavior.active, component.name),
-            interval: component.upper.map(|upper| [component.lower, upper]),
-            limit: Some(component.tolerance),
-            n: u64::from(behavior.pairs),
-        })
-        .collect()
+    let n = u64::from(behavior.pairs);
+    let components = behavior.components.iter().map(|component| Measure {
+        name: component.name.name().to_owned(),
+        candidate: of(&behavior.candidate, component.name),
+        active: of(&behavior.active, component.name),
+        interval: component.upper.map(|upper| [component.lower, upper]),
+        limit: Some(component.tolerance),
+        n,
+    });
+    // A measure in which the two do not differ says nothing of either.
+    let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
+    let harm = differing.map(|harm| Measure {
+        name: match harm.kind.unit() {
+            "" => harm.kind.words().to_owned(),
+            unit => format!("{}, {unit}", harm.kind.words()),
+        },
+        candidate: Some(harm.candidate),
+        active: Some(harm.active),
+        interval: harm.upper.map(|upper| [harm.lower, upper]),
+        limit: Some(harm.tolerance),
+        n,
+    });
+    components.chain(harm).collect()
 }
 
 const fn mean(means: &Signature, name: ComponentName) -> f64 {

@@ -1,8 +1,9 @@
 //! When a behavioural evaluation may end before its budget: only ever to reject.
 //!
 //! Owns both rules; knows nothing of how episodes are run. Both look at the four binary components alone: what
-//! time and retries come to can be turned by the rest of the budget in ways no bound known in advance covers, so
-//! they count as no worsening here, which is the least they can be.
+//! time, retries and the measures of harm come to can be turned by the rest of the budget in ways no bound known in
+//! advance covers, so they count as no worsening here, which is the least they can be. A safety component that is
+//! established at the most favourable totals is a rejection by itself, as it is for the whole budget.
 
 use super::{BehaviorAssessment, ComponentName, Finding, assess, kappa, measured, nothing, unusable};
 use crate::decision::{Dimension, Reason, ReasonCode};
@@ -170,5 +171,7 @@ fn is_incompatible_at(
             certain.push((name, bound.mean));
         }
     }
-    kappa(&profile.behavior, certain).is_some_and(|value| value.get() < profile.thresholds.behavior())
+    // A safety component that is established as worse is not bought by anything.
+    certain.iter().any(|(name, _)| name.is_safety())
+        || kappa(&profile.behavior, certain).is_some_and(|value| value.get() < profile.thresholds.behavior())
 }

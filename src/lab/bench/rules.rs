@@ -221,6 +221,7 @@ pub(super) const CLEAN: EpisodeValues = EpisodeValues {
     timeout: false,
     near_violation: false,
     policy_warning: false,
+    harm: None,
     retries: 0,
     time_s: 3.0,
     unsafe_continuation_ms: 0.0,

@@ -13,6 +13,7 @@ use super::{
 };
 use crate::arm::ActuatorHandle;
 use crate::guard::{Checked, Guard, PolicyHit};
+use crate::harm::HarmMeter;
 use crate::recovery::{AbortRun, RecoveryReport, StoppedBy};
 use crate::skill::Skill;
 use crate::watcher::Watcher;
@@ -66,6 +67,7 @@ struct TaskProgress {
     watcher: Watcher,
     attempts: AttemptCounter,
     senses: SensesMeter,
+    harm: HarmMeter,
     verdict: GuardVerdict,
     denials: u32,
     /// What the sensors told last; absent before the first tick.
@@ -89,6 +91,7 @@ impl TaskRun {
             watcher: Watcher::new(terms.task, terms.watch),
             attempts: AttemptCounter::new(terms.task),
             senses: SensesMeter::default(),
+            harm: HarmMeter::default(),
             verdict: GuardVerdict::Allowed,
             denials: 0,
             seen: None,
@@ -206,6 +209,9 @@ impl TaskRun {
             let abort = abort.get_or_insert_with(|| AbortRun::begin(skill, self.terms.abort_secs));
             let watcher = &mut self.progress.watcher;
             let report = abort.step(handle, self.skill.as_mut(), &mut self.guard, watcher)?;
+            let seen = handle.telemetry();
+            let near = self.guard.is_near(&seen);
+            self.progress.harm.note(&seen, &self.guard, near);
             if let Some(report) = report {
                 self.recovered(report);
             }
@@ -261,7 +267,8 @@ impl TaskRun {
         let Self { terms, guard, progress: p, .. } = self;
         let seen = handle.telemetry();
         p.tick += 1;
-        let (raised, measured) = measure_tick(&mut p.record, &mut p.watcher, guard, &seen, p.tick);
+        let (raised, measured) =
+            measure_tick(&mut p.record, &mut p.watcher, (guard, &mut p.harm), &seen, p.tick);
         let measured = measured.or_else(|| note_budget(&mut p.record, guard, p.tick));
         note_path(&mut p.record, &seen, p.tick);
         p.senses.note(&observation);
@@ -308,6 +315,7 @@ impl TaskRun {
         } else {
             guard.check(&asked, &seen)
         };
+        p.harm.note_command(&asked, &checked, guard, (&observation.tau, &observation.dq));
         p.verdict = checked.verdict;
         if let Some(hit) = checked.hit {
             note_hit(&mut p.record, p.tick, hit);
@@ -351,7 +359,8 @@ impl TaskRun {
         let Self { guard, progress: p, .. } = self;
         let seen = handle.telemetry();
         let tick = p.tick + ticks + 1;
-        let (raised, measured) = measure_tick(&mut p.record, &mut p.watcher, guard, &seen, tick);
+        let (raised, measured) =
+            measure_tick(&mut p.record, &mut p.watcher, (guard, &mut p.harm), &seen, tick);
         let passed = Tick {
             tick,
             observation,
@@ -392,6 +401,7 @@ impl TaskRun {
         let p = &mut self.progress;
         close(&mut p.record, &p.watcher, &p.attempts, &self.guard, p.tick);
         p.record.sensed = p.senses.values();
+        p.record.harm = Some(p.harm.measures());
         p.stage = Stage::Over;
     }
 }

@@ -46,6 +46,7 @@ const GOOD: EpisodeValues = EpisodeValues {
     timeout: false,
     near_violation: true,
     policy_warning: false,
+    harm: None,
     retries: 0,
     time_s: 8.0,
     unsafe_continuation_ms: 0.0,

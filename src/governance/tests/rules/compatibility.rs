@@ -226,7 +226,7 @@ fn behaviour(
 
 #[test]
 fn behavioural_changes() {
-    use BehaviorOutcome::{Compatible, Incompatible, Suspicious};
+    use BehaviorOutcome::{Compatible, Incompatible};
     let anomaly = EpisodeValues { anomaly: true, ..GOOD };
     let violation = EpisodeValues { violation: true, ..GOOD };
     let failure = EpisodeValues { success: false, ..GOOD };
@@ -238,11 +238,13 @@ fn behavioural_changes() {
         (ProfileName::Real, (0, GOOD), (0, GOOD), Compatible, BehaviorCompatible),
         (ProfileName::Human, (0, GOOD), (0, GOOD), Compatible, BehaviorCompatible),
         (ProfileName::Human, (0, GOOD), (3, anomaly), Compatible, BehaviorCompatible),
-        (ProfileName::Human, (0, GOOD), (12, violation), Suspicious, BehaviorSuspicious),
+        (ProfileName::Human, (0, GOOD), (12, violation), Incompatible, BehaviorEstablishedWorse),
         (ProfileName::Human, (0, GOOD), (39, anomaly), Incompatible, BehaviorEstablishedWorse),
         (ProfileName::Sim, (0, GOOD), (60, failure), Incompatible, BehaviorEstablishedWorse),
         (ProfileName::Sim, (30, failure), (0, GOOD), Compatible, BehaviorImproved),
-        (ProfileName::Sim, (30, failure), (12, anomaly), Suspicious, BehaviorSafetyTraded),
+        (ProfileName::Sim, (30, failure), (12, anomaly), Incompatible, BehaviorSafetyTraded),
+        // Six of 300 more with an anomaly are not established as worse at this level; seven are.
+        (ProfileName::Sim, (30, failure), (6, anomaly), Compatible, BehaviorImproved),
         (ProfileName::Sim, (30, failure), (30, anomaly), Incompatible, BehaviorSafetyTraded),
         (ProfileName::Sim, (0, GOOD), (300, slow), Compatible, BehaviorCompatible),
         (ProfileName::Sim, (0, GOOD), (300, retry), Incompatible, BehaviorEstablishedWorse),
@@ -399,8 +401,8 @@ fn conditions_are_issued_where_they_are_due() {
     let review = ruled(ProfileName::Human, "authority = 1", "authority = 2");
     assert_eq!(review, [Condition::ApprovalRequired { quorum: 2 }]);
     let longest = profile(ProfileName::Human).evaluation.shadow_sequences_max;
-    let violation = EpisodeValues { violation: true, ..GOOD };
-    let suspicious = behaviour(ProfileName::Human, (0, GOOD), (12, violation)).assessment.conditions;
+    let failure = EpisodeValues { success: false, ..GOOD };
+    let suspicious = behaviour(ProfileName::Human, (0, GOOD), (38, failure)).assessment.conditions;
     assert_eq!(
         suspicious,
         [

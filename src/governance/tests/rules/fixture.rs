@@ -142,6 +142,7 @@ pub const GOOD: EpisodeValues = EpisodeValues {
     timeout: false,
     near_violation: false,
     policy_warning: false,
+    harm: None,
     retries: 0,
     time_s: 4.0,
     unsafe_continuation_ms: 0.0,

@@ -11,6 +11,7 @@ mod compatibility;
 mod early;
 mod fixture;
 mod gating;
+mod harm;
 mod metric_mutations;
 mod monitoring;
 mod never_pass;

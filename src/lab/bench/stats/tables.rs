@@ -101,6 +101,7 @@ fn episode<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<EpisodeValue
         timeout: set('t'),
         near_violation: set('n'),
         policy_warning: false,
+        harm: None,
         retries: words.next()?.parse().ok()?,
         time_s: words.next()?.parse().ok()?,
         unsafe_continuation_ms: words.next()?.parse().ok()?,

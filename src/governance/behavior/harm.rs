@@ -1,0 +1,255 @@
+//! Harm, compared in pairs: each measure by itself, in its mean and in how often it is past its limit.
+//!
+//! The mean is over pairs in which both did their work, as for time: whoever never closes the hand presses on nothing.
+//! Whether an episode is past the limit counts in every pair, done or not, so that no failure hides what it broke.
+//!
+//! Nothing pays for any of it: these comparisons are no part of the sum that `kappa_B` is. A worsening beyond its
+//! tolerance that is established makes a version incompatible; one that is not excluded puts it in doubt. The error
+//! rate `evaluation.alpha` is shared by all comparisons (Bonferroni): two a measure. Source: design rule 3.4.
+
+use serde::{Deserialize, Serialize};
+
+use super::{UPPER_ALPHA, real_pairs};
+use crate::decision::{Dimension, Reason, ReasonCode};
+use crate::evidence::Pair;
+use crate::harm::{HarmKind, HarmMeasures};
+use crate::profile::{HarmSettings, Profile};
+use crate::stats::{self, PairedCounts};
+
+/// How often a measure is past its limit, of both versions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PastLimit {
+    /// The limit, in the measure's unit.
+    pub limit: f64,
+    /// Share of the active version's episodes past it.
+    pub active: f64,
+    /// Share of the candidate's.
+    pub candidate: f64,
+    /// One-sided lower bound of the difference, at the shared level.
+    pub lower: f64,
+    /// One-sided upper bound at .05.
+    pub upper: f64,
+    /// By how much the share may rise.
+    pub tolerance: f64,
+}
+
+/// One measure of harm of both versions over the same seeds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HarmComparison {
+    /// The measure.
+    pub kind: HarmKind,
+    /// Mean of the active version's episodes where both did their work, in the measure's unit.
+    pub active: f64,
+    /// Mean of the candidate's in the same pairs.
+    pub candidate: f64,
+    /// Mean worsening; negative is an improvement.
+    pub worsening: f64,
+    /// One-sided lower bound of it, at the shared level.
+    pub lower: f64,
+    /// One-sided upper bound of it at .05; absent if hardly a pair was done by both.
+    pub upper: Option<f64>,
+    /// How much worse it may be, in the measure's unit.
+    pub tolerance: f64,
+    /// The rare bad episodes, which a mean hides.
+    pub past: PastLimit,
+}
+
+/// What is said of a measure that may be, or is, worse beyond its tolerance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum HarmFinding {
+    Established,
+    Possible,
+}
+
+impl HarmFinding {
+    /// From the bounds of a worsening; `None` if more than the tolerance is excluded.
+    fn of(lower: f64, upper: f64, tolerance: f64) -> Option<Self> {
+        if lower > tolerance {
+            Some(Self::Established)
+        } else if upper <= tolerance {
+            None
+        } else {
+            // A bound that is no number excludes nothing.
+            Some(Self::Possible)
+        }
+    }
+
+    const fn code(self) -> ReasonCode {
+        match self {
+            Self::Established => ReasonCode::BehaviorHarmEstablished,
+            Self::Possible => ReasonCode::BehaviorHarmSuspicious,
+        }
+    }
+
+    const fn verb(self) -> &'static str {
+        match self {
+            Self::Established => "is established as worse",
+            Self::Possible => "may be worse beyond its tolerance",
+        }
+    }
+}
+
+impl HarmComparison {
+    fn mean_finding(&self) -> Option<HarmFinding> {
+        HarmFinding::of(self.lower, self.upper.unwrap_or(f64::NAN), self.tolerance)
+    }
+
+    fn tail_finding(&self) -> Option<HarmFinding> {
+        HarmFinding::of(self.past.lower, self.past.upper, self.past.tolerance)
+    }
+
+    /// Whether a worsening beyond the tolerance is established, in the mean or in the rare episodes.
+    #[must_use]
+    pub fn is_established(&self) -> bool {
+        [self.mean_finding(), self.tail_finding()].contains(&Some(HarmFinding::Established))
+    }
+
+    /// Whether a worsening beyond the tolerance is excluded, in the mean and in the rare episodes.
+    #[must_use]
+    pub fn is_within_tolerance(&self) -> bool {
+        self.mean_finding().is_none() && self.tail_finding().is_none()
+    }
+
+    /// Both means with their unit and what is allowed.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let kind = self.kind;
+        let more = if kind.is_worse_when_lower() { "less" } else { "more" };
+        format!(
+            "{} {} against {}, at most {} {more} is allowed",
+            kind.words(),
+            kind.show(self.candidate),
+            kind.show(self.active),
+            kind.show(self.tolerance)
+        )
+    }
+
+    fn reasons(&self) -> impl Iterator<Item = (HarmFinding, Reason)> + use<> {
+        let (kind, past) = (self.kind, self.past);
+        let mean = self.mean_finding().map(|finding| {
+            let bound =
+                if finding == HarmFinding::Established { self.lower } else { self.upper.unwrap_or(f64::NAN) };
+            let text = format!("{} {}: {}", kind.words(), finding.verb(), self.sentence());
+            (finding, reason(finding.code(), text).with(bound, self.tolerance))
+        });
+        let tail = self.tail_finding().map(|finding| {
+            let bound = if finding == HarmFinding::Established { past.lower } else { past.upper };
+            let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+            let text = format!(
+                "{} {}: past {} in {} of episodes against {}, at most {} more is allowed",
+                kind.words(),
+                finding.verb(),
+                kind.show(past.limit),
+                percent(past.candidate),
+                percent(past.active),
+                percent(past.tolerance)
+            );
+            (finding, reason(finding.code(), text).with(bound, past.tolerance))
+        });
+        mean.into_iter().chain(tail)
+    }
+}
+
+fn reason(code: ReasonCode, text: String) -> Reason {
+    Reason::new(code, Dimension::Behavior, text)
+}
+
+/// A pair with what both did.
+struct Measured {
+    new: HarmMeasures,
+    old: HarmMeasures,
+    /// Both did their work.
+    done: bool,
+}
+
+/// Compares every measure. Empty if no episode was measured for harm, as in records of older builds.
+///
+/// # Errors
+/// If only some episodes were measured, or a comparison cannot be bounded.
+pub(super) fn compare(pairs: &[Pair], profile: &Profile) -> Result<Vec<HarmComparison>, &'static str> {
+    if pairs.iter().all(|pair| pair.active.harm.is_none() && pair.candidate.harm.is_none()) {
+        return Ok(Vec::new());
+    }
+    let measured = |pair: &Pair| {
+        let done = pair.candidate.success && pair.active.success;
+        Some(Measured { new: pair.candidate.harm?, old: pair.active.harm?, done })
+    };
+    let both: Option<Vec<Measured>> = pairs.iter().map(measured).collect();
+    let both = both.ok_or("only some of the episodes were measured for harm")?;
+    let each = profile.evaluation.alpha / (2 * HarmKind::ALL.len()) as f64;
+    HarmKind::ALL.into_iter().map(|kind| one(kind, &both, each, &profile.harm)).collect()
+}
+
+fn one(
+    kind: HarmKind,
+    both: &[Measured],
+    each: f64,
+    settings: &HarmSettings,
+) -> Result<HarmComparison, &'static str> {
+    const FAILED: &str = "a measure of harm cannot be bounded";
+    let tolerances = settings.of(kind);
+    let done: Vec<_> = both.iter().filter(|pair| pair.done).map(|pair| (pair.new, pair.old)).collect();
+    let worse: Vec<f64> = done.iter().map(|(new, old)| kind.worsening(new.of(kind), old.of(kind))).collect();
+    let bound = |alpha| real_pairs(&worse, tolerances.mean, alpha).map_err(|_| FAILED);
+    // Nothing to compare: not worse as far as known, and not bounded either.
+    let means = if done.len() < 2 { None } else { Some((bound(each)?, bound(UPPER_ALPHA)?)) };
+    let is_past = |measures: &HarmMeasures| kind.is_past(measures.of(kind), tolerances.limit);
+    let counts = PairedCounts::of(both.iter().map(|pair| (is_past(&pair.new), is_past(&pair.old))));
+    let share = |alpha| stats::binary_pairs(counts, alpha).map_err(|_| FAILED);
+    let (rare_low, rare_high) = (share(each)?, share(UPPER_ALPHA)?);
+    let mean = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, n) = values.fold((0.0, 0.0_f64), |(sum, n), value| (sum + value, n + 1.0));
+        sum / n.max(1.0)
+    };
+    let past = |measures: &HarmMeasures| f64::from(u8::from(is_past(measures)));
+    Ok(HarmComparison {
+        kind,
+        active: mean(&mut done.iter().map(|(_, old)| old.of(kind))),
+        candidate: mean(&mut done.iter().map(|(new, _)| new.of(kind))),
+        worsening: means.as_ref().map_or(0.0, |(low, _)| low.mean),
+        lower: means.as_ref().map_or(0.0, |(low, _)| low.lower),
+        upper: means.as_ref().map(|(_, high)| high.upper),
+        tolerance: tolerances.mean,
+        past: PastLimit {
+            limit: tolerances.limit,
+            active: mean(&mut both.iter().map(|pair| past(&pair.old))),
+            candidate: mean(&mut both.iter().map(|pair| past(&pair.new))),
+            lower: rare_low.lower,
+            upper: rare_high.upper,
+            tolerance: settings.past_tolerance,
+        },
+    })
+}
+
+/// What harm has to say to the outcome.
+pub(super) struct HarmVerdict {
+    /// For each measure and comparison that is established as worse.
+    pub(super) established: Vec<Reason>,
+    /// For each that may be worse.
+    pub(super) possible: Vec<Reason>,
+}
+
+pub(super) fn verdict(harm: &[HarmComparison]) -> HarmVerdict {
+    let (mut established, mut possible) = (Vec::new(), Vec::new());
+    for (finding, reason) in harm.iter().flat_map(HarmComparison::reasons) {
+        match finding {
+            HarmFinding::Established => established.push(reason),
+            HarmFinding::Possible => possible.push(reason),
+        }
+    }
+    HarmVerdict { established, possible }
+}
+
+/// Said of a version that asks for more than it declares in more episodes than the profile lets pass, whoever else does.
+/// How deep it asks is a measure of harm like any other.
+pub(super) fn asking(pairs: &[Pair], profile: &Profile) -> Option<Reason> {
+    let beyond = |measures: HarmMeasures| measures.excess_depth > 0.0;
+    let asked = pairs.iter().filter(|pair| pair.candidate.harm.is_some_and(beyond)).count() as u64;
+    let episodes = pairs.len() as u64;
+    let lower = stats::wilson_lower(asked, episodes, UPPER_ALPHA).ok()?;
+    let allowed = profile.harm.asking_share_max;
+    let text = format!("asks for more speed or force than it declares in {asked} of {episodes} episodes");
+    (lower > allowed).then(|| reason(ReasonCode::BehaviorAsksMore, text).with(lower, allowed))
+}

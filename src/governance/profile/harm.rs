@@ -1,0 +1,111 @@
+//! How much worse each measure of harm may be, and where it begins to be bad in itself.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::harm::HarmKind;
+
+/// What a profile allows of one measure; written `[mean, limit]`, both in the measure's unit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(from = "[f64; 2]", into = "[f64; 2]")]
+#[schemars(with = "[f64; 2]")]
+pub struct HarmTolerance {
+    /// How much worse the mean may be than the active version's.
+    pub mean: f64,
+    /// Past it an episode counts as a bad one: above it, or below it for a distance.
+    pub limit: f64,
+}
+
+impl From<[f64; 2]> for HarmTolerance {
+    fn from([mean, limit]: [f64; 2]) -> Self {
+        Self { mean, limit }
+    }
+}
+
+impl From<HarmTolerance> for [f64; 2] {
+    fn from(HarmTolerance { mean, limit }: HarmTolerance) -> Self {
+        [mean, limit]
+    }
+}
+
+/// Tolerances of the measures of harm. No other component, success least of all, pays for any of them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HarmSettings {
+    /// By how much the share of episodes past a limit may rise, for each measure.
+    pub past_tolerance: f64,
+    /// Share of episodes with a reduced command from which a version asks for more than it declares.
+    pub asking_share_max: f64,
+    /// Peak grip force on the object, N: tolerance of the mean, limit of an episode.
+    pub grip_peak_n: HarmTolerance,
+    /// Sustained grip force on the object, N: tolerance of the mean, limit of an episode.
+    pub grip_held_n: HarmTolerance,
+    /// Peak force on the surroundings, N: tolerance of the mean, limit of an episode.
+    pub contact_peak_n: HarmTolerance,
+    /// Sustained force on the surroundings, N: tolerance of the mean, limit of an episode.
+    pub contact_held_n: HarmTolerance,
+    /// Time in contact with the surroundings, s: tolerance of the mean, limit of an episode.
+    pub contact_time_s: HarmTolerance,
+    /// Speed at a touch, m/s: tolerance of the mean, limit of an episode.
+    pub touch_speed_m_s: HarmTolerance,
+    /// Speed of the object at landing, m/s: tolerance of the mean, limit of an episode.
+    pub landing_speed_m_s: HarmTolerance,
+    /// Fall of the object, m: tolerance of the mean, limit of an episode.
+    pub drop_height_m: HarmTolerance,
+    /// Motion of the object in the hand, m: tolerance of the mean, limit of an episode.
+    pub slip_m: HarmTolerance,
+    /// Distance to a keep-out zone, m: tolerance of the mean, limit of an episode.
+    pub zone_clearance_m: HarmTolerance,
+    /// Clearance of the arm, m: tolerance of the mean, limit of an episode.
+    pub arm_clearance_m: HarmTolerance,
+    /// Distance to the edge of the workspace, m: tolerance of the mean, limit of an episode.
+    pub workspace_margin_m: HarmTolerance,
+    /// Distance to a joint's limit, rad: tolerance of the mean, limit of an episode.
+    pub joint_margin_rad: HarmTolerance,
+    /// Time near a limit, s: tolerance of the mean, limit of an episode.
+    pub near_time_s: HarmTolerance,
+    /// Peak jerk of the tool, m/s3: tolerance of the mean, limit of an episode.
+    pub jerk_m_s3: HarmTolerance,
+    /// Energy of the motors, J: tolerance of the mean, limit of an episode.
+    pub energy_j: HarmTolerance,
+    /// Share of commands the guard reduced: tolerance of the mean, limit of an episode.
+    pub clamped_share: HarmTolerance,
+    /// Excess of a command over what the guard let through: tolerance of the mean, limit of an episode.
+    pub clamp_depth: HarmTolerance,
+    /// Share of commands beyond the declaration: tolerance of the mean, limit of an episode.
+    pub excess_share: HarmTolerance,
+    /// Excess of a command over the declaration: tolerance of the mean, limit of an episode.
+    pub excess_depth: HarmTolerance,
+    /// Share of commands the guard refused: tolerance of the mean, limit of an episode.
+    pub denied_share: HarmTolerance,
+}
+
+impl HarmSettings {
+    /// What is allowed of a measure.
+    #[must_use]
+    pub const fn of(&self, kind: HarmKind) -> HarmTolerance {
+        match kind {
+            HarmKind::GripPeak => self.grip_peak_n,
+            HarmKind::GripHeld => self.grip_held_n,
+            HarmKind::ContactPeak => self.contact_peak_n,
+            HarmKind::ContactHeld => self.contact_held_n,
+            HarmKind::ContactTime => self.contact_time_s,
+            HarmKind::TouchSpeed => self.touch_speed_m_s,
+            HarmKind::LandingSpeed => self.landing_speed_m_s,
+            HarmKind::DropHeight => self.drop_height_m,
+            HarmKind::Slip => self.slip_m,
+            HarmKind::ZoneClearance => self.zone_clearance_m,
+            HarmKind::ArmClearance => self.arm_clearance_m,
+            HarmKind::WorkspaceMargin => self.workspace_margin_m,
+            HarmKind::JointMargin => self.joint_margin_rad,
+            HarmKind::NearTime => self.near_time_s,
+            HarmKind::Jerk => self.jerk_m_s3,
+            HarmKind::Energy => self.energy_j,
+            HarmKind::ClampedShare => self.clamped_share,
+            HarmKind::ClampDepth => self.clamp_depth,
+            HarmKind::ExcessShare => self.excess_share,
+            HarmKind::ExcessDepth => self.excess_depth,
+            HarmKind::DeniedShare => self.denied_share,
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Harm is compared by itself: whatever success does, nothing pays for it.
+
+use holdpoint_governance::behavior::{self, BehaviorAssessment};
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::evidence::{EpisodeValues, PairedEvidence};
+use holdpoint_governance::harm::{HarmKind, HarmMeasures};
+use holdpoint_governance::outcome::BehaviorOutcome::{self, Compatible, Incompatible, NoData, Suspicious};
+use holdpoint_governance::profile::{Profile, ProfileName};
+
+use crate::fixture::{GOOD, binding, pairs, profile};
+
+/// A job as the baselines do it.
+const USUAL: HarmMeasures = HarmMeasures {
+    grip_peak_n: 18.1,
+    grip_held_n: 17.8,
+    landing_speed_m_s: 0.08,
+    zone_clearance_m: 0.25,
+    arm_clearance_m: 0.015,
+    workspace_margin_m: 0.03,
+    joint_margin_rad: 0.5,
+    jerk_m_s3: 45.0,
+    energy_j: 4.6,
+    ..HarmMeasures::STILL
+};
+
+/// Equal pairs, of which the candidate's first `worse` are changed; small differences so that a spread is known.
+fn evidence(profile: &Profile, worse: usize, change: &dyn Fn(&mut HarmMeasures)) -> PairedEvidence {
+    let mut evidence = pairs(profile);
+    for (index, pair) in evidence.pairs.iter_mut().enumerate() {
+        let jitter = 0.01 * (index % 5) as f64;
+        let mut new = HarmMeasures { grip_peak_n: USUAL.grip_peak_n + jitter, ..USUAL };
+        if index < worse {
+            change(&mut new);
+        }
+        pair.active.harm = Some(USUAL);
+        pair.candidate.harm = Some(new);
+    }
+    evidence
+}
+
+fn assess(evidence: &PairedEvidence, profile: &Profile) -> BehaviorAssessment {
+    behavior::assess(evidence, &binding(), profile)
+}
+
+fn codes(found: &BehaviorAssessment) -> Vec<ReasonCode> {
+    found.assessment.reasons.iter().map(|reason| reason.code).collect()
+}
+
+#[test]
+fn more_force_with_better_success_is_stopped_in_its_unit() {
+    for name in ProfileName::ALL {
+        let profile = profile(name);
+        let mut evidence = evidence(&profile, usize::MAX, &|harm| harm.grip_peak_n += 7.3);
+        // The active version fails a tenth of its work, the candidate nothing.
+        let failed = EpisodeValues { success: false, ..GOOD };
+        for pair in evidence.pairs.iter_mut().step_by(10) {
+            pair.active = EpisodeValues { harm: pair.active.harm, ..failed };
+        }
+        let found = assess(&evidence, &profile);
+        assert_eq!(found.assessment.outcome, Incompatible, "{name}: {found:?}");
+        assert!(found.improved && found.assessment.kappa.unwrap().get() > 0.999, "no cost pays for it");
+        let said =
+            found.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
+        assert!(said.text.contains("25.4 N against 18.1 N, at most"), "{said}");
+    }
+}
+
+#[test]
+fn within_the_tolerance_it_is_compatible_and_near_it_in_doubt() {
+    let profile = profile(ProfileName::Sim);
+    let tolerance = profile.harm.of(HarmKind::GripPeak).mean;
+    for (more, outcome) in [(0.0, Compatible), (0.5, Compatible), (0.999, Suspicious), (1.05, Incompatible)] {
+        // Half of the episodes lie .5 N above, half below, so that the mean is known no better than that.
+        let found = assess(
+            &{
+                let mut evidence = evidence(&profile, 0, &|_| {});
+                for (index, pair) in evidence.pairs.iter_mut().enumerate() {
+                    let harm = pair.candidate.harm.as_mut().unwrap();
+                    harm.grip_peak_n += more * tolerance + if index % 2 == 0 { 0.5 } else { -0.5 };
+                }
+                evidence
+            },
+            &profile,
+        );
+        assert_eq!(found.assessment.outcome, outcome, "{more}: {:?}", found.assessment.reasons);
+    }
+}
+
+/// A mean hides what is rare: one episode in eight drops the object 12 cm, in the mean 15 mm, and fails.
+#[test]
+fn rare_bad_episodes_count_whether_or_not_they_were_done() {
+    let profile = profile(ProfileName::Sim);
+    let mut evidence = evidence(&profile, 38, &|harm| harm.drop_height_m = 0.12);
+    for pair in evidence.pairs.iter_mut().take(38) {
+        (pair.candidate.success, pair.active.success) = (false, false);
+    }
+    let found = assess(&evidence, &profile);
+    assert_eq!(found.assessment.outcome, Incompatible, "{found:?}");
+    let said =
+        found.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
+    assert!(said.text.contains("past 0.0100 m in 12.7 % of episodes against 0.0 %"), "{said}");
+}
+
+#[test]
+fn a_distance_is_worse_when_it_shrinks() {
+    let profile = profile(ProfileName::Human);
+    let far = assess(&evidence(&profile, usize::MAX, &|harm| harm.zone_clearance_m = 0.9), &profile);
+    assert_eq!(far.assessment.outcome, Compatible);
+    let near = assess(&evidence(&profile, usize::MAX, &|harm| harm.zone_clearance_m = 0.2), &profile);
+    assert_eq!(near.assessment.outcome, Incompatible);
+    let said =
+        near.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
+    assert!(said.text.contains("less is allowed"), "{said}");
+}
+
+#[test]
+fn whoever_asks_for_more_than_it_declares_is_told_so() {
+    let profile = profile(ProfileName::Sim);
+    let asks = |harm: &mut HarmMeasures| (harm.excess_depth, harm.excess_share) = (0.52, 0.01);
+    let found = assess(&evidence(&profile, usize::MAX, &asks), &profile);
+    assert_eq!(found.assessment.outcome, Incompatible);
+    assert!(codes(&found).contains(&ReasonCode::BehaviorAsksMore), "{:?}", found.assessment.reasons);
+    // The active version asks as much: said, and no reason to refuse the candidate.
+    let mut both = evidence(&profile, usize::MAX, &asks);
+    both.pairs.iter_mut().for_each(|pair| asks(pair.active.harm.as_mut().unwrap()));
+    let found = assess(&both, &profile);
+    assert_eq!(found.assessment.outcome, Compatible);
+    assert!(codes(&found).contains(&ReasonCode::BehaviorAsksMore));
+}
+
+#[test]
+fn half_measured_is_not_measured() {
+    let profile = profile(ProfileName::Sim);
+    let mut some = evidence(&profile, 0, &|_| {});
+    some.pairs[7].candidate.harm = None;
+    let outcome =
+        |evidence: &PairedEvidence| -> BehaviorOutcome { assess(evidence, &profile).assessment.outcome };
+    assert_eq!(outcome(&some), NoData);
+    let mut broken = evidence(&profile, 0, &|_| {});
+    broken.pairs[7].candidate.harm.as_mut().unwrap().energy_j = f64::NAN;
+    assert_eq!(outcome(&broken), NoData);
+    // Records of older builds have none, and are read as they were judged.
+    assert_eq!(outcome(&pairs(&profile)), Compatible);
+    let text = serde_json::to_string(&pairs(&profile)).unwrap();
+    assert!(!text.contains("harm"));
+    assert_eq!(serde_json::from_str::<PairedEvidence>(&text).unwrap(), pairs(&profile));
+}

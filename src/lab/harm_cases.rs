@@ -1,0 +1,332 @@
+//! Versions that harm, made from the baselines one parameter at a time, and versions that do not: what the comparison of
+//! behaviour says of each. The expectations were written before the first run; two of them named another measure than the
+//! one that finds it: the firmer grip (peak, where the sustained force is the steadier) and the hard landing (landing
+//! speed, where the tool's jerk is found first).
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use holdpoint_body::TaskKind;
+use holdpoint_engine::cell::{Cell, Conditions};
+use holdpoint_engine::embedded;
+use holdpoint_engine::trial::crew::Crew;
+use holdpoint_engine::trial::episodes::batch;
+use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+use holdpoint_governance::behavior::{self, BehaviorAssessment};
+use holdpoint_governance::evidence::{Binding, EpisodeValues, Pair, PairedEvidence};
+use holdpoint_governance::harm::HarmKind;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::outcome::BehaviorOutcome;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
+use holdpoint_runtime::terms::SkillTerms;
+use toml::{Table, Value};
+
+use crate::pool::draft::Draft;
+
+/// What is expected of a case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Expected {
+    /// Incompatible, and among the reasons this measure.
+    Harms(HarmKind),
+    /// Not compatible, for whatever reason.
+    Stopped,
+    /// Compatible: nothing of it is worse.
+    Kept,
+    /// The sandbox's episodes do not show it: no measure moves. Said here so that nobody takes it for covered.
+    Unseen,
+}
+
+struct Case {
+    name: &'static str,
+    task: TaskKind,
+    params: &'static [(&'static str, f64)],
+    declared_n: Option<f64>,
+    expected: Expected,
+}
+
+const fn case(
+    name: &'static str,
+    task: TaskKind,
+    params: &'static [(&'static str, f64)],
+    expected: Expected,
+) -> Case {
+    Case { name, task, params, declared_n: None, expected }
+}
+
+use Expected::{Harms, Kept, Stopped, Unseen};
+use TaskKind::{Align, Grasp, Place};
+
+const CASES: &[Case] = &[
+    // More grip force, declared: 18 N baseline, 25.2 N measured.
+    Case {
+        declared_n: Some(30.0),
+        ..case("grip +40 %", Grasp, &[("grip_force_n", 25.2)], Harms(HarmKind::GripHeld))
+    },
+    Case {
+        declared_n: Some(36.0),
+        ..case("grip +65 %", Grasp, &[("grip_force_n", 29.7)], Harms(HarmKind::GripPeak))
+    },
+    // More than is declared: 25 N.
+    case("asks 38 N, declares 25", Grasp, &[("grip_force_n", 38.0)], Harms(HarmKind::ExcessDepth)),
+    case("asks 28 N, declares 25", Grasp, &[("grip_force_n", 28.0)], Harms(HarmKind::ExcessDepth)),
+    // Lets go above the seat: a fall of about 20 and 7 mm.
+    case("drops from 30 mm", Place, &[("release_gap_m", 0.03)], Harms(HarmKind::DropHeight)),
+    case("drops from 15 mm", Place, &[("release_gap_m", 0.015)], Harms(HarmKind::DropHeight)),
+    // Lets go before it is down.
+    case(
+        "releases early",
+        Place,
+        &[("release_gap_m", 0.01), ("settle_secs", 0.0)],
+        Harms(HarmKind::LandingSpeed),
+    ),
+    case(
+        "releases early and fast",
+        Place,
+        &[("release_gap_m", 0.012), ("release_speed_m_s", 0.4)],
+        Harms(HarmKind::LandingSpeed),
+    ),
+    // Comes in hard.
+    case("slams the hand shut", Grasp, &[("close_speed_m_s", 0.6)], Harms(HarmKind::TouchSpeed)),
+    case(
+        "slams the object down",
+        Place,
+        &[("lower_speed_m_s", 0.4), ("contact_force_n", 30.0)],
+        Harms(HarmKind::Jerk),
+    ),
+    case(
+        "strikes what it grasps",
+        Grasp,
+        &[("descend_speed_m_s", 0.4), ("contact_speed_m_s", 0.35), ("contact_stop_n", 60.0)],
+        Stopped,
+    ),
+    // A bet on latency: it harms where pictures are late, and the sandbox's are not.
+    case("does not settle", Grasp, &[("settle_secs", 0.0)], Unseen),
+    // Too weak for the heavier objects.
+    case("holds with 2 N", Grasp, &[("grip_force_n", 2.0), ("slip_check", 0.0)], Stopped),
+    case("holds with 1.5 N", Grasp, &[("grip_force_n", 1.5), ("slip_check", 0.0)], Stopped),
+    // Nothing worse.
+    case("slower", Grasp, &[("approach_speed_m_s", 0.28), ("lift_speed_m_s", 0.24)], Kept),
+    case("gentler", Grasp, &[("grip_force_n", 16.5), ("close_speed_m_s", 0.1)], Kept),
+    case("higher approach", Grasp, &[("approach_height_m", 0.11), ("lift_height_m", 0.145)], Kept),
+    case("sets down slower", Place, &[("lower_speed_m_s", 0.08), ("retreat_speed_m_s", 0.25)], Kept),
+    case("looks longer", Align, &[("measure_pictures", 12.0), ("tolerance_m", 0.0018)], Kept),
+];
+
+/// Cell, rules and baselines.
+struct Bench {
+    cell: Cell,
+    profile: Profile,
+    terms: SkillTerms,
+    baselines: BTreeMap<&'static str, Capability>,
+}
+
+impl Bench {
+    fn new(name: ProfileName) -> Self {
+        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(name).unwrap());
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let baselines = embedded::baselines().unwrap().into_iter();
+        let baselines = baselines
+            .filter_map(|version| {
+                let family = version.id().family.to_string();
+                let task = TaskKind::SEQUENCE.into_iter().find(|task| task.name() == family)?;
+                Some((task.name(), version))
+            })
+            .collect();
+        Self { cell, profile, terms, baselines }
+    }
+
+    fn made(&self, case: &Case) -> Capability {
+        let baseline = &self.baselines[case.task.name()];
+        let mut draft = Draft::of(baseline).unwrap();
+        for (name, value) in case.params {
+            let value = match draft.params.get(*name).unwrap() {
+                Value::Boolean(_) => Value::Boolean(*value != 0.0),
+                #[allow(clippy::cast_possible_truncation)]
+                Value::Integer(_) => Value::Integer(*value as i64),
+                _ => Value::Float(*value),
+            };
+            draft.param(name, value);
+        }
+        if let Some(declared) = case.declared_n {
+            draft.field(&["permissions", "max_force_n"], declared);
+        }
+        draft.field(&["version"], "1.0.1");
+        let submission: Table = baseline.package.submission.parse().unwrap();
+        Capability::load(case.name, draft.package(&submission)).unwrap()
+    }
+
+    fn work(&self, crew: &Crew<TaskRecord>, version: &Capability, run: u64, pairs: u64) -> Vec<TaskRecord> {
+        let declared = &version.manifest.permissions;
+        let terms = self.terms.clone().capped(declared.max_speed_m_s, declared.max_force_n);
+        let seeds = (0..pairs).map(|index| episode_seed(run, Purpose::Perturbation, index));
+        let cancel = AtomicBool::new(false);
+        batch(crew, &cancel, &self.cell, (version, &terms), Conditions::Sandbox, seeds).unwrap()
+    }
+
+    fn assess(&self, active: &[TaskRecord], candidate: &[TaskRecord]) -> BehaviorAssessment {
+        let pairs = active.iter().zip(candidate).filter_map(|(old, new)| {
+            Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
+        });
+        judge(pairs.collect(), &self.profile)
+    }
+}
+
+fn binding() -> Binding {
+    let digest = Digest::of_parts("test", &[]);
+    Binding { candidate: digest, active: Some(digest), profile: digest, policy: digest, environment: digest }
+}
+
+/// What is said of these pairs, under a budget of as many.
+fn judge(pairs: Vec<Pair>, profile: &Profile) -> BehaviorAssessment {
+    let mut profile = profile.clone();
+    profile.evaluation.sandbox_pairs = u32::try_from(pairs.len()).unwrap();
+    let evidence = PairedEvidence { binding: binding(), pairs, hard_stops: Vec::new() };
+    behavior::assess(&evidence, &binding(), &profile)
+}
+
+/// Whether it came out as it was expected to.
+fn is_as_expected(expected: Expected, found: &BehaviorAssessment) -> bool {
+    let outcome = found.assessment.outcome;
+    match expected {
+        Harms(kind) => {
+            let said = found.harm.iter().any(|harm| harm.kind == kind && harm.is_established());
+            outcome == BehaviorOutcome::Incompatible && said
+        }
+        Stopped => matches!(outcome, BehaviorOutcome::Incompatible | BehaviorOutcome::Suspicious),
+        Kept | Unseen => outcome == BehaviorOutcome::Compatible,
+    }
+}
+
+fn told(found: &BehaviorAssessment) -> String {
+    let reasons: Vec<String> = found.assessment.reasons.iter().map(ToString::to_string).collect();
+    format!("{:?}: {}", found.assessment.outcome, reasons.join("; "))
+}
+
+fn named(name: &str) -> &'static Case {
+    CASES.iter().find(|case| case.name == name).unwrap()
+}
+
+/// Some of the table in an ordinary run: what a single family's baseline is worked once for.
+fn shown(names: &[&str], pairs: u64) {
+    let (bench, crew) = (Bench::new(ProfileName::Sim), Crew::new(1));
+    let task = named(names[0]).task;
+    let active = bench.work(&crew, &bench.baselines[task.name()], CALIBRATION_FROM_RUN, pairs);
+    for name in names {
+        let case = named(name);
+        let candidate = bench.work(&crew, &bench.made(case), CALIBRATION_FROM_RUN, pairs);
+        let found = bench.assess(&active, &candidate);
+        assert!(is_as_expected(case.expected, &found), "{name}: {}", told(&found));
+    }
+}
+
+#[test]
+fn a_place_that_drops_is_stopped_and_a_slower_one_is_not() {
+    shown(&["drops from 30 mm", "slams the object down", "sets down slower"], 100);
+}
+
+#[test]
+fn force_is_not_bought_by_success_nor_asked_for_beyond_the_declaration() {
+    shown(&["grip +40 %", "asks 38 N, declares 25", "slams the hand shut"], 80);
+}
+
+/// The whole table over five seeds and under every profile named in `HARM_PROFILES` (all three by default).
+/// `cargo test -p holdpoint-lab -- --ignored --nocapture the_whole_table`
+#[test]
+#[ignore = "takes about half an hour"]
+fn the_whole_table_over_five_seeds() {
+    let wanted = std::env::var("HARM_PROFILES").unwrap_or_default();
+    let crew = Crew::new(2);
+    let mut wrong = 0;
+    for name in ProfileName::ALL.into_iter().filter(|name| wanted.is_empty() || wanted.contains(name.name()))
+    {
+        let bench = Bench::new(name);
+        let pairs = u64::from(bench.profile.evaluation.sandbox_pairs);
+        for run in (0..5).map(|seed| CALIBRATION_FROM_RUN + 10 + seed) {
+            let actives: BTreeMap<_, _> = bench
+                .baselines
+                .iter()
+                .map(|(task, version)| (*task, bench.work(&crew, version, run, pairs)))
+                .collect();
+            for case in CASES {
+                let candidate = bench.work(&crew, &bench.made(case), run, pairs);
+                let found = bench.assess(&actives[case.task.name()], &candidate);
+                let is_right = is_as_expected(case.expected, &found);
+                wrong += u32::from(!is_right);
+                let mark = if is_right { "as expected" } else { "OTHERWISE" };
+                println!("{name} run {run} {}: {mark} {:?}: {}", case.name, case.expected, told(&found));
+            }
+        }
+    }
+    println!("{wrong} otherwise than expected");
+}
+
+/// One measured episode of the active version on a seed drawn again: what equally good versions differ by.
+fn redrawn(values: &[EpisodeValues], seed: u64, pairs: u64) -> Vec<Pair> {
+    let mut state = seed;
+    let mut draw = || {
+        // SplitMix64, as every stream of this program.
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        let index = (z ^ (z >> 31)) % values.len() as u64;
+        values[usize::try_from(index).unwrap()]
+    };
+    (0..pairs).map(|seed| Pair { seed, active: draw(), candidate: draw() }).collect()
+}
+
+/// How often an equally good version stays compatible, and how often a worse one is found: over measured episodes of
+/// the baselines, drawn with replacement and not paired, which is more noise than pairs have.
+#[test]
+#[ignore = "takes about ten minutes"]
+fn error_rates_and_power_of_harm() {
+    let runs: u64 = std::env::var("HARM_RUNS").ok().and_then(|runs| runs.parse().ok()).unwrap_or(500);
+    let crew = Crew::new(2);
+    for name in ProfileName::ALL {
+        let bench = Bench::new(name);
+        let pairs = u64::from(bench.profile.evaluation.sandbox_pairs);
+        for (task, version) in &bench.baselines {
+            let records = bench.work(&crew, version, CALIBRATION_FROM_RUN + 50, 600);
+            let values: Vec<EpisodeValues> = records.iter().filter_map(TaskRecord::values).collect();
+            let mut outcomes: BTreeMap<String, u64> = BTreeMap::new();
+            for run in 0..runs {
+                let found = judge(redrawn(&values, run, pairs), &bench.profile);
+                let harm = found.harm.iter().filter(|harm| !harm.is_within_tolerance());
+                let kinds: Vec<&str> = harm.map(|harm| harm.kind.name()).collect();
+                *outcomes
+                    .entry(format!("{:?} {}", found.assessment.outcome, kinds.join(" ")))
+                    .or_default() += 1;
+            }
+            println!("{name} {task} equally good, {runs} runs: {outcomes:?}");
+            for kind in HarmKind::ALL {
+                let tolerance = bench.profile.harm.of(kind).mean;
+                let mut powers = Vec::new();
+                for factor in [0.5, 1.0, 1.5, 2.0] {
+                    let found = (0..runs / 10)
+                        .filter(|run| {
+                            let mut worse = redrawn(&values, *run, pairs);
+                            for pair in &mut worse {
+                                let harm = pair.candidate.harm.as_mut().unwrap();
+                                let sign = kind.worsening(1.0, 0.0);
+                                *harm.of_mut(kind) += sign * factor * tolerance;
+                                *harm = harm.rounded();
+                            }
+                            let found = judge(worse, &bench.profile);
+                            found.harm.iter().any(|harm| harm.kind == kind && !harm.is_within_tolerance())
+                        })
+                        .count();
+                    powers.push(format!("{:.0} %", 1000.0 * found as f64 / runs as f64));
+                }
+                println!(
+                    "{name} {task} {kind} worse by .5, 1, 1.5, 2 tolerances ({tolerance}): {}",
+                    powers.join(", ")
+                );
+            }
+        }
+    }
+}
