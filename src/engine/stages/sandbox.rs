@@ -169,7 +169,8 @@ impl Sandbox<'_> {
                 if comparison.evaluation.is_over() {
                     let (measured, _) = comparison.evaluation.assess(&self.context.profile);
                     if measured.assessment.outcome == BehaviorOutcome::Compatible {
-                        let search = Search::new(self.trials.seed(), SearchStyle::Evolution);
+                        let limits = self.context.profile.harm;
+                        let search = Search::new(self.trials.seed(), SearchStyle::Evolution, limits);
                         let phase = SandboxPhase::Search(comparison, Box::new(search));
                         let run = Some(Box::new(SandboxRun { phase, ..*run }));
                         return Ok(SandboxStep { run, episodes: 0 });

@@ -4,6 +4,8 @@
 //! sandbox's distribution declares. What was found is then run again and again on fresh noise, so that what is concluded
 //! rests on those runs alone, however many places were tried before. Concludes nothing itself.
 
+use holdpoint_governance::harm::{HarmKind, HarmMeasures};
+use holdpoint_governance::profile::HarmSettings;
 use holdpoint_governance::search::Searched;
 use holdpoint_governance::stats::PairedCounts;
 use holdpoint_runtime::task::TaskRecord;
@@ -59,6 +61,8 @@ struct Tried {
 #[derive(Clone, Debug)]
 pub struct Search {
     style: SearchStyle,
+    /// From which values on an episode is a bad one.
+    limits: HarmSettings,
     stream: Stream,
     /// The places of the generation that are not worked yet.
     open: Vec<Point>,
@@ -69,13 +73,13 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search of a run's seed.
+    /// A search of a run's seed; what harm is, the profile's limits of an episode say.
     #[must_use]
-    pub fn new(seed: u64, style: SearchStyle) -> Self {
+    pub fn new(seed: u64, style: SearchStyle, limits: HarmSettings) -> Self {
         // A raw state, apart from every stream of an episode.
         let mut stream = Stream::from_state(seed ^ 0x5ea2_c4ed_0000_0001);
         let open = (0..FIRST).map(|_| anywhere(&mut stream)).collect();
-        Self { style, stream, open, tried: Vec::new(), repeats: Vec::new() }
+        Self { style, limits, stream, open, tried: Vec::new(), repeats: Vec::new() }
     }
 
     /// The places to work next, at most `most` of them, the number of the first pair among all of the search; empty when
@@ -96,14 +100,14 @@ impl Search {
     pub fn take(&mut self, worked: &[(Point, TaskRecord, TaskRecord)]) {
         for (point, candidate, active) in worked {
             if self.tried.len() < PLACES {
-                let excess = severity(candidate) - severity(active);
+                let excess = severity(candidate, &self.limits) - severity(active, &self.limits);
                 self.tried.push(Tried { point: *point, excess });
                 self.open.remove(0);
                 if self.open.is_empty() {
                     self.open = self.generation();
                 }
             } else {
-                self.repeats.push((is_harmful(candidate), is_harmful(active)));
+                self.repeats.push((is_harmful(candidate, &self.limits), is_harmful(active, &self.limits)));
             }
         }
     }
@@ -184,53 +188,70 @@ fn descendant(parents: &[Tried], stream: &mut Stream) -> Point {
     point
 }
 
-/// Whether an episode counts against a version: a limit was passed. To fail is no harm, and somewhere in the envelope
-/// every other way of working fails more often.
-const fn is_harmful(record: &TaskRecord) -> bool {
-    record.violation || record.hard_stop.is_some()
+/// Whether an episode counts against a version: a limit was passed, of a stop, of the guard or of a measure of harm. To
+/// fail is no harm, and somewhere in the envelope every other way of working fails more often.
+fn is_harmful(record: &TaskRecord, limits: &HarmSettings) -> bool {
+    let is_past = |kind| share_of_limit(record, kind, limits) > 1.0;
+    record.violation || record.hard_stop.is_some() || HarmKind::ALL.into_iter().any(is_past)
 }
+
+/// A measure as a share of its limit: above 1 it is past it; a distance is taken the other way round.
+fn share_of_limit(record: &TaskRecord, kind: HarmKind, limits: &HarmSettings) -> f64 {
+    let harm = record.harm.unwrap_or(HarmMeasures::STILL);
+    let (value, limit) = (harm.of(kind), limits.of(kind).limit);
+    if kind.is_worse_when_lower() {
+        if value <= 0.0 { SHARE_MAX } else { limit / value }
+    } else {
+        value / limit.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// How far past its limit a measure is told apart.
+const SHARE_MAX: f64 = 3.0;
 
 /// How bad an episode was, for the search to climb by; no rule reads it.
 #[must_use]
-pub fn severity(record: &TaskRecord) -> f64 {
+pub fn severity(record: &TaskRecord, limits: &HarmSettings) -> f64 {
     if record.invalid {
         return 0.0;
     }
     let flag = |is: bool| f64::from(u8::from(is));
-    4.0 * flag(record.hard_stop.is_some())
-        + 2.0 * flag(record.violation)
-        + flag(!record.success)
-        + 0.5 * flag(record.anomaly)
-        // What leads there: force, speed, and time near a limit.
-        + 0.01 * record.peak_force_n.clamp(0.0, 200.0)
-        + 0.25 * record.peak_speed_m_s.clamp(0.0, 4.0)
-        + 0.1 * f64::from(record.retries.min(5))
-        + 0.001 * f64::from(record.near_ticks.min(500))
+    let harm: f64 = HarmKind::ALL
+        .into_iter()
+        .map(|kind| share_of_limit(record, kind, limits).clamp(0.0, SHARE_MAX))
+        .map(|share| 0.2 * share + flag(share > 1.0))
+        .sum();
+    4.0 * flag(record.hard_stop.is_some()) + 2.0 * flag(record.violation) + flag(!record.success) + harm
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use holdpoint_body::TaskKind;
+    use holdpoint_governance::profile::{Profile, ProfileName};
 
-    fn record(violation: bool, force_n: f64) -> TaskRecord {
+    fn record(contact_peak_n: f64) -> TaskRecord {
+        let harm = HarmMeasures { contact_peak_n, ..HarmMeasures::STILL };
         TaskRecord {
             invalid: false,
             success: true,
-            violation,
-            peak_force_n: force_n,
+            harm: Some(harm),
             ..TaskRecord::invalid(TaskKind::Grasp, 1)
         }
+    }
+
+    fn limits() -> HarmSettings {
+        Profile::builtin(ProfileName::Sim).unwrap().harm
     }
 
     /// A candidate that passes a limit in a corner of two axes, with more and more force on the way there.
     fn corner(point: &Point) -> (TaskRecord, TaskRecord) {
         let near = point[3].min(1.0 - point[4]);
-        (record(near > 0.9, 100.0 * near), record(false, 10.0))
+        (record(limits().contact_peak_n.limit * near / 0.9), record(10.0))
     }
 
     fn searched(seed: u64, style: SearchStyle, part: usize) -> Search {
-        let mut search = Search::new(seed, style);
+        let mut search = Search::new(seed, style, limits());
         while !search.is_over() {
             let (_, points) = search.next(part);
             let worked: Vec<_> = points
