@@ -191,7 +191,7 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     };
     let until = std::time::Instant::now() + std::time::Duration::from_secs(20);
     while !socket.exists() && std::time::Instant::now() < until {
-        std::thread::sleep(std::time::Duration::from_millis(20));
+        std::thread::yield_now();
     }
     let file = file.to_str().unwrap();
     ran("ssh-keygen", &["-q", "-t", "ed25519", "-N", "", "-C", "mara@desk", "-f", file]);
