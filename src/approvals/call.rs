@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::identity::{Identity, IdentityInfo};
 use super::keyfile::hex;
-use super::signed::{Nonce, holds};
+use super::signed::{ApprovalError, Nonce, holds};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::Hint;
@@ -87,12 +87,15 @@ impl Hint for CallError {
 
 impl SignedCall {
     /// Signed by somebody; `who` and `role` of the claim are replaced by theirs.
-    pub(super) fn by(who: &Identity, mut claim: CallClaim) -> Self {
+    ///
+    /// # Errors
+    /// If the agent that holds the key signs nothing.
+    pub(super) fn by(who: &Identity, mut claim: CallClaim) -> Result<Self, ApprovalError> {
         claim.who.clone_from(&who.info().name);
         claim.role = who.info().role;
         let public_key = hex(who.info().public_key.as_bytes());
-        let signature = who.signature(&claim.digest());
-        Self { claim, public_key, signature }
+        let signature = who.signature(&claim.digest())?;
+        Ok(Self { claim, public_key, signature })
     }
 
     /// What was signed. Trust it only after [`Self::verify`].
@@ -145,9 +148,9 @@ mod tests {
             nonce: Nonce::from_bytes([2; 16]),
             not_after_ms: 1000,
         };
-        let signed = ada.sign_call(claim.clone());
+        let signed = ada.sign_call(claim.clone()).unwrap();
         signed.verify(ada.info()).unwrap();
-        assert!(matches!(eve.sign_call(claim).verify(ada.info()), Err(CallError::Key(_))));
+        assert!(matches!(eve.sign_call(claim).unwrap().verify(ada.info()), Err(CallError::Key(_))));
         type Edit = fn(&mut CallClaim);
         let edits: [(&str, Edit); 7] = [
             ("who", |c| c.who = "eve".into()),

@@ -4,12 +4,13 @@ use std::borrow::Cow;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use ed25519_dalek::{Signer, SigningKey, VerifyingKey};
+use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 
+use super::agent::{Agent, AgentError, fingerprint};
 use super::call::{CallClaim, SignedCall};
 use super::keyfile::{self, Keep, KeptKey, KeyError, Protection};
 use super::passphrase::Passphrase;
-use super::signed::{Approval, SignedApproval};
+use super::signed::{Approval, ApprovalError, SignedApproval};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::{Digest, is_name};
 use holdpoint_governance::words::WordError;
@@ -58,6 +59,15 @@ pub enum IdentityError {
     /// There are too many.
     #[error("{0:?} holds more than 1000 identities")]
     TooMany(PathBuf),
+    /// The agent has the say over its passphrase.
+    #[error("the key of {0:?} is with an ssh-agent, and has no passphrase here")]
+    WithAgent(String),
+    /// The agent does not hold it now.
+    #[error("the ssh-agent does not hold the key of {name:?} ({fingerprint})")]
+    NotWithAgent { name: String, fingerprint: String },
+    /// The agent that holds a key.
+    #[error(transparent)]
+    Agent(#[from] AgentError),
     /// A key file cannot be used.
     #[error(transparent)]
     Key(#[from] KeyError),
@@ -72,6 +82,11 @@ impl Hint for IdentityError {
                 Some(format!("make one with `holdpoint identity new {name}`").into())
             }
             Self::KeyTaken { other, .. } => Some(format!("sign as {other}").into()),
+            Self::WithAgent(_) => Some("`ssh-keygen -p -f FILE` changes that of the key's own file".into()),
+            Self::NotWithAgent { .. } => {
+                Some("`ssh-add FILE` adds it; `ssh-add -l` lists what it holds".into())
+            }
+            Self::Agent(error) => error.hint(),
             Self::Name(_) | Self::Mismatch(_) | Self::TooMany(_) => None,
             Self::Key(error) => error.hint(),
         }
@@ -98,7 +113,15 @@ pub struct People {
 /// Someone who can sign. The secret is wiped from memory when this is dropped and never shown.
 pub struct Identity {
     info: IdentityInfo,
-    secret: SigningKey,
+    secret: Secret,
+}
+
+/// Where a secret is.
+enum Secret {
+    /// Here, opened.
+    Here(Box<SigningKey>),
+    /// With an ssh-agent, which signs.
+    Agent(Agent),
 }
 
 impl std::fmt::Debug for Identity {
@@ -115,7 +138,16 @@ impl std::fmt::Debug for Identity {
 pub struct KeptIdentity {
     info: IdentityInfo,
     path: PathBuf,
-    key: KeptKey,
+    key: KeptSecret,
+}
+
+/// A secret as it is kept.
+#[derive(Debug)]
+enum KeptSecret {
+    /// In its file.
+    File(Box<KeptKey>),
+    /// With an ssh-agent; a file says so.
+    Agent,
 }
 
 impl KeptIdentity {
@@ -127,7 +159,10 @@ impl KeptIdentity {
     /// What protects the secret.
     #[must_use]
     pub const fn protection(&self) -> Protection {
-        self.key.protection()
+        match &self.key {
+            KeptSecret::File(key) => key.protection(),
+            KeptSecret::Agent => Protection::Elsewhere,
+        }
     }
 
     /// Someone who can sign.
@@ -136,11 +171,14 @@ impl KeptIdentity {
     /// If the passphrase is wrong, missing or superfluous, or the two files do not belong together.
     pub fn unlock(self, passphrase: Option<&Passphrase>) -> Result<Identity, IdentityError> {
         let Self { info, path, key } = self;
-        let secret = key.unlock(&path, passphrase)?;
+        let secret = match key {
+            KeptSecret::File(key) => key.unlock(&path, passphrase)?,
+            KeptSecret::Agent => return Identity::of_agent(info, Agent::named()?),
+        };
         if secret.verifying_key() != info.public_key {
             return Err(IdentityError::Mismatch(info.name));
         }
-        Ok(Identity { info, secret })
+        Ok(Identity { info, secret: Secret::Here(Box::new(secret)) })
     }
 }
 
@@ -179,7 +217,7 @@ impl Identity {
         keyfile::write_public(&public_path, &secret.verifying_key(), role.name())?;
         Ok(Self {
             info: IdentityInfo { name: name.to_owned(), role, public_key: secret.verifying_key() },
-            secret,
+            secret: Secret::Here(Box::new(secret)),
         })
     }
 
@@ -198,8 +236,49 @@ impl Identity {
     pub fn open(folder: &Path, name: &str) -> Result<KeptIdentity, IdentityError> {
         let info = Self::find(folder, name)?;
         let path = paths(folder, name)?.0;
-        let key = keyfile::read_kept(&path)?;
+        let key = if fs::symlink_metadata(&path).is_err() && fs::symlink_metadata(agent_file(&path)).is_ok() {
+            KeptSecret::Agent
+        } else {
+            KeptSecret::File(Box::new(keyfile::read_kept(&path)?))
+        };
         Ok(KeptIdentity { info, path, key })
+    }
+
+    /// Somebody whose key an agent holds now.
+    ///
+    /// # Errors
+    /// [`IdentityError::NotWithAgent`], or what is wrong with the agent.
+    pub fn of_agent(info: IdentityInfo, agent: Agent) -> Result<Self, IdentityError> {
+        let holds = agent.keys()?.iter().any(|key| key.public_key == info.public_key);
+        if !holds {
+            return Err(IdentityError::NotWithAgent {
+                name: info.name,
+                fingerprint: fingerprint(&info.public_key),
+            });
+        }
+        Ok(Self { info, secret: Secret::Agent(agent) })
+    }
+
+    /// Notes that an ssh-agent holds somebody's key: who signs as them asks it.
+    ///
+    /// # Errors
+    /// If there is a key of that name already, or the files cannot be written.
+    pub fn note_agent(folder: &Path, who: &IdentityInfo) -> Result<(), IdentityError> {
+        let (secret_path, public_path) = paths(folder, &who.name)?;
+        let note = agent_file(&secret_path);
+        if Self::find(folder, &who.name).is_ok_and(|known| known == *who) && note.is_file() {
+            return Ok(());
+        }
+        for path in [&secret_path, &public_path, &note] {
+            if fs::symlink_metadata(path).is_ok() {
+                return Err(IdentityError::Exists(who.name.clone()));
+            }
+        }
+        if let Some(other) = Self::names_of(folder, &who.public_key)?.into_iter().next() {
+            return Err(IdentityError::KeyTaken { name: who.name.clone(), other });
+        }
+        keyfile::write_note(&note, &format!("ssh-agent {}\n", fingerprint(&who.public_key)))?;
+        Ok(keyfile::write_public(&public_path, &who.public_key, who.role.name())?)
     }
 
     /// What protects somebody's secret, as far as this folder tells: whoever has the secret may have a copy elsewhere.
@@ -219,7 +298,12 @@ impl Identity {
     /// # Errors
     /// If it cannot be written.
     pub fn keep(&self, folder: &Path, keep: Keep<'_>) -> Result<(), IdentityError> {
-        Ok(keyfile::replace_secret(&paths(folder, &self.info.name)?.0, &self.secret, keep)?)
+        match &self.secret {
+            Secret::Here(secret) => {
+                Ok(keyfile::replace_secret(&paths(folder, &self.info.name)?.0, secret, keep)?)
+            }
+            Secret::Agent(_) => Err(IdentityError::WithAgent(self.info.name.clone())),
+        }
     }
 
     /// Everybody who has this key, by name, whatever their role: the same person under each of these names.
@@ -275,23 +359,34 @@ impl Identity {
     }
 
     /// Signs a decision. Its `who` and `role` are replaced by this identity's.
-    #[must_use]
-    pub fn sign(&self, mut approval: Approval) -> SignedApproval {
+    ///
+    /// # Errors
+    /// If the agent that holds the key signs nothing.
+    pub fn sign(&self, mut approval: Approval) -> Result<SignedApproval, ApprovalError> {
         approval.who.clone_from(&self.info.name);
         approval.role = self.info.role;
-        let signature = self.secret.sign(&approval.bytes());
-        SignedApproval::new(approval, self.info.public_key, signature)
+        let signature = self.raw(&approval.bytes())?;
+        Ok(SignedApproval::new(approval, self.info.public_key, signature))
     }
 
     /// Signs a request. Its `who` and `role` are replaced by this identity's.
-    #[must_use]
-    pub fn sign_call(&self, claim: CallClaim) -> SignedCall {
+    ///
+    /// # Errors
+    /// If the agent that holds the key signs nothing.
+    pub fn sign_call(&self, claim: CallClaim) -> Result<SignedCall, ApprovalError> {
         SignedCall::by(self, claim)
     }
 
     /// Its signature over a digest, as hexadecimal digits.
-    pub(super) fn signature(&self, digest: &Digest) -> String {
-        keyfile::hex(&self.secret.sign(digest.bytes()).to_bytes())
+    pub(super) fn signature(&self, digest: &Digest) -> Result<String, ApprovalError> {
+        Ok(keyfile::hex(&self.raw(digest.bytes())?.to_bytes()))
+    }
+
+    fn raw(&self, bytes: &[u8]) -> Result<Signature, ApprovalError> {
+        match &self.secret {
+            Secret::Here(secret) => Ok(secret.sign(bytes)),
+            Secret::Agent(agent) => Ok(agent.sign(&self.info.public_key, bytes)?),
+        }
     }
 }
 
@@ -310,6 +405,11 @@ fn names_in(folder: &Path) -> Result<Vec<String>, IdentityError> {
     }
     names.sort();
     Ok(names)
+}
+
+/// Beside the key's file: says that an agent holds the key.
+fn agent_file(secret_path: &Path) -> PathBuf {
+    secret_path.with_extension("agent")
 }
 
 fn paths(folder: &Path, name: &str) -> Result<(PathBuf, PathBuf), IdentityError> {
@@ -387,7 +487,8 @@ mod tests {
     fn one_key_is_one_person() {
         let folder = tempfile::tempdir().unwrap();
         let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
-        let again = SigningKey::from_bytes(&ada.secret.to_bytes());
+        let Secret::Here(again) = &ada.secret else { panic!("it is here") };
+        let again = SigningKey::from_bytes(&again.to_bytes());
         let error =
             Identity::create_with(folder.path(), "eve", Role::Safety, again, Keep::Plain).unwrap_err();
         assert!(matches!(&error, IdentityError::KeyTaken { other, .. } if other == "ada"), "{error}");

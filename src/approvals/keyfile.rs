@@ -123,7 +123,9 @@ fn sealed(path: &Path) -> impl FnOnce(SealedError) -> KeyError {
 impl Hint for KeyError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::Permissions { .. } => Some("chmod 600 it, or make a new key".into()),
+            Self::Permissions { path, .. } => {
+                Some(format!("`chmod 600 {}`, or make a new key", path.display()).into())
+            }
             Self::Sealed { problem: SealedError::Passphrase, .. } => {
                 Some("nothing was done; try again, nobody can recover a passphrase".into())
             }
@@ -255,6 +257,14 @@ pub(super) fn read_kept(path: &Path) -> Result<KeptKey, KeyError> {
 pub fn write_public(path: &Path, key: &VerifyingKey, note: &str) -> Result<(), KeyError> {
     let text = format!("{} {note}", hex(key.as_bytes()));
     put(path, format!("{}\n", text.trim_end()).as_bytes(), 0o644)
+}
+
+/// Writes a short public text to a new file beside a key.
+///
+/// # Errors
+/// If the file exists or cannot be written.
+pub(super) fn write_note(path: &Path, text: &str) -> Result<(), KeyError> {
+    put(path, text.as_bytes(), 0o644)
 }
 
 /// Reads a public key and the note after it.

@@ -5,6 +5,7 @@
 //! approve what: that is governance. Must not remember what was used: the store does, in the transaction of the state
 //! change.
 
+pub mod agent;
 mod call;
 mod identity;
 pub mod keyfile;

@@ -61,7 +61,7 @@ pub enum PassphraseError {
 impl Hint for PassphraseError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::Permissions { .. } => Some("chmod 600 it".into()),
+            Self::Permissions { path, .. } => Some(format!("`chmod 600 {}`", path.display()).into()),
             Self::Kind(_) => Some("name a regular file of mode 0600 with the passphrase on one line".into()),
             Self::TooShort(_) => Some("several words make a good one".into()),
             Self::Content { problem, .. } => problem.hint(),

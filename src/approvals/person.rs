@@ -101,10 +101,10 @@ pub struct SignedPersonAct {
 
 impl SignedPersonAct {
     /// Signed by somebody.
-    fn by(who: &Identity, act: PersonAct) -> Self {
+    fn by(who: &Identity, act: PersonAct) -> Result<Self, ApprovalError> {
         let public_key = hex(who.info().public_key.as_bytes());
-        let signature = who.signature(&act.digest());
-        Self::new(act, public_key, signature)
+        let signature = who.signature(&act.digest())?;
+        Ok(Self::new(act, public_key, signature))
     }
 
     pub(super) const fn new(act: PersonAct, public_key: String, signature: String) -> Self {
@@ -254,7 +254,7 @@ impl Persons {
     /// An act that enrols `who`, signed by an administrator.
     ///
     /// # Errors
-    /// If the machine gives no random number for the nonce.
+    /// If the machine gives no random number for the nonce, or the agent that holds the key signs nothing.
     pub fn enrolment(
         &self,
         who: &IdentityInfo,
@@ -268,7 +268,7 @@ impl Persons {
     /// An act that revokes `who`, signed by an administrator.
     ///
     /// # Errors
-    /// If the machine gives no random number for the nonce.
+    /// If the machine gives no random number for the nonce, or the agent that holds the key signs nothing.
     pub fn revocation(
         &self,
         who: &Person,
@@ -297,7 +297,7 @@ impl Persons {
             follows: self.follows,
             nonce: Nonce::random()?,
         };
-        Ok(SignedPersonAct::by(by, act))
+        SignedPersonAct::by(by, act)
     }
 
     /// Whether an act is allowed now: signed by an administrator who is enrolled, over this store as it stands.

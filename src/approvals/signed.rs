@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use ed25519_dalek::{Signature, VerifyingKey};
 use serde::{Deserialize, Serialize};
 
+use super::agent::AgentError;
 use super::identity::IdentityInfo;
 use super::keyfile::{hex, parse_public, unhex};
 use holdpoint_governance::approval::{Answer, Role};
@@ -188,6 +189,9 @@ pub enum ApprovalError {
     /// What is to be signed has no canonical form.
     #[error("what is to be signed has no canonical form: {0}")]
     NoForm(String),
+    /// The agent that holds the key signed nothing.
+    #[error(transparent)]
+    Agent(#[from] AgentError),
     /// The reason is too long.
     #[error("the reason has {0} bytes; at most 4096 are allowed")]
     ReasonTooLong(usize),
@@ -196,6 +200,7 @@ pub enum ApprovalError {
 impl Hint for ApprovalError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
+            Self::Agent(error) => error.hint(),
             Self::Nonce(_)
             | Self::Random(_)
             | Self::Signature(_)
@@ -298,7 +303,7 @@ mod tests {
     fn any_edit_voids_the_signature() {
         let folder = tempfile::tempdir().unwrap();
         let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
-        let signed = ada.sign(approval());
+        let signed = ada.sign(approval()).unwrap();
         signed.verify(ada.info()).unwrap();
         let other = Digest::of_parts("t", &[b"x"]);
         type Edit = fn(&mut Approval, Digest);
@@ -331,7 +336,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let ada = Identity::create(folder.path(), "ada", Role::Operator).unwrap();
         let eve = Identity::create(folder.path(), "eve", Role::Operator).unwrap();
-        let signed = eve.sign(approval());
+        let signed = eve.sign(approval()).unwrap();
         assert!(matches!(signed.verify(ada.info()), Err(ApprovalError::Key(_))));
         let json = serde_json::to_string(&signed).unwrap();
         assert_eq!(serde_json::from_str::<SignedApproval>(&json).unwrap(), signed);

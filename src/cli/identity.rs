@@ -78,7 +78,8 @@ elsewhere. A name and a key are enrolled once, also after a revocation.
 
 Examples:
   holdpoint identity enrol mara --by admin --reason 'joins the night shift'
-  holdpoint identity enrol mara --public-key mara.pub --role safety --by admin --reason 'her own machine'")]
+  holdpoint identity enrol mara --public-key mara.pub --role safety --by admin --reason 'her own machine'
+  holdpoint identity enrol mara --ssh-agent mara@desk --role safety --by admin --reason 'her own key'")]
     Enrol {
         /// The person's name, as decisions are signed with it.
         #[arg(value_parser = super::decide::parse_identity)]
@@ -86,6 +87,11 @@ Examples:
         /// A public key from elsewhere: its file, or 64 hexadecimal digits.
         #[arg(long, value_name = "FILE|HEX")]
         public_key: Option<String>,
+        /// An ed25519 key that the ssh-agent at `SSH_AUTH_SOCK` holds and signs with: its comment or fingerprint, as
+        /// `ssh-add -l` lists them, or none if it holds one alone.
+        #[arg(long, value_name = "COMMENT|FINGERPRINT", num_args = 0..=1, conflicts_with = "public_key",
+            requires = "role")]
+        ssh_agent: Option<Option<String>>,
         /// What this person does; as the identity was made if absent.
         #[arg(long, value_parser = roles())]
         role: Option<Role>,
@@ -186,11 +192,16 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
                 })
             })?;
         }
-        IdentityVerb::Enrol { name, public_key, role, act } => {
-            acts::enrol(context, (name, public_key.as_deref(), *role), act, out)?;
+        IdentityVerb::Enrol { name, public_key, ssh_agent, role, act } => {
+            let key = match (public_key, ssh_agent, role) {
+                (Some(given), _, _) => acts::EnrolledKey::Given(given),
+                (None, Some(named), Some(role)) => acts::EnrolledKey::Agent(named.as_deref(), *role),
+                (None, _, _) => acts::EnrolledKey::Here,
+            };
+            acts::enrol(context, (name, key, *role), act, out)?;
         }
         IdentityVerb::Revoke { name, act } => acts::revoke(context, name, act, out)?,
-        IdentityVerb::List => listed::list(context, out)?,
+        IdentityVerb::List => return listed::list(context, out),
     }
     Ok(Exit::Confirmed)
 }

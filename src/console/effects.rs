@@ -16,6 +16,7 @@ use tokio::sync::mpsc;
 
 use self::viewer::ViewerScene;
 use super::effect::Effect;
+use super::form::NOBODY;
 use super::look::Look;
 use super::model::Model;
 use super::msg::MsgKind;
@@ -25,7 +26,7 @@ use super::theme::Themes;
 use holdpoint_approvals::Passphrase;
 use holdpoint_engine::host::Host;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
+use holdpoint_protocol::command::{Authority, Command, Refusal, Reply, Request};
 use holdpoint_text::{Hint, Problem, Untrusted};
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
@@ -52,12 +53,20 @@ pub enum Outcome {
     End,
 }
 
+/// What an errand that took long came to.
+pub enum Errand {
+    /// Something to tell the reducer.
+    Told(MsgKind),
+    /// A request that was signed, for the engine.
+    Signed(Box<Request>),
+}
+
 pub struct Hands {
     pub host: Host,
     candidates: ReadCandidate,
     themes: Themes,
     exports: Option<PathBuf>,
-    errands: mpsc::Sender<MsgKind>,
+    errands: mpsc::Sender<Errand>,
     view: Option<SocketAddr>,
     rung_ms: Option<u64>,
 }
@@ -71,7 +80,7 @@ impl Hands {
         candidates: ReadCandidate,
         themes: Themes,
         exports: Option<PathBuf>,
-        errands: mpsc::Sender<MsgKind>,
+        errands: mpsc::Sender<Errand>,
         view: Option<SocketAddr>,
     ) -> Self {
         Self { host, candidates, themes, exports, errands, view, rung_ms: None }
@@ -88,14 +97,11 @@ impl Hands {
                 self.ask_as(place.model, id, confirmed.into_command(), passphrase)
             }
             Effect::Decide { id, decision, passphrase } => {
-                let is_protected = passphrase.is_some();
-                match people::sign(&self.host.identities(), &decision, passphrase) {
-                    Ok(command) => self.ask(id, command),
-                    Err(problem) if is_protected => {
-                        Outcome::Told(MsgKind::Unsigned { id, text: problem.sentence() })
-                    }
-                    Err(problem) => refused(id, Refusal::BadInput, &problem),
-                }
+                let (folder, is_protected) = (self.host.identities(), passphrase.is_some());
+                let of = id.clone();
+                self.sign(id, is_protected, move || {
+                    people::sign(&folder, &decision, passphrase).map(|command| Request::unsigned(of, command))
+                })
             }
             Effect::Register { id, folder, passphrase } => {
                 let known = known(place.model);
@@ -146,15 +152,55 @@ impl Hands {
 
     /// Asks the engine, with the signature of who sits here where one is asked for.
     fn ask_as(&self, model: &Model, id: String, command: Command, passphrase: Option<Passphrase>) -> Outcome {
-        let is_protected = passphrase.is_some();
-        match people::seal(&self.host.identities(), model, &command, passphrase) {
-            Ok(seal) => self.hand_over(Request { id, command, seal }),
-            Err(problem) if is_protected => Outcome::Told(MsgKind::Unsigned { id, text: problem.sentence() }),
-            Err(problem) => refused(id, Refusal::BadInput, &problem),
+        let signing = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.signing.clone());
+        let gives = command.authority() == Authority::Gives;
+        let Some(signing) = signing.filter(|signing| signing.required && gives) else {
+            return self.ask(id, command);
+        };
+        let who = model.seat.operator.as_ref().map(|who| who.name.as_str());
+        let Some(name) = command.by().or(who).map(ToOwned::to_owned) else {
+            return refused(id, Refusal::BadInput, &Problem::new(NOBODY));
+        };
+        let (folder, is_protected) = (self.host.identities(), passphrase.is_some());
+        let of = id.clone();
+        self.sign(id, is_protected, move || {
+            let seal = Some(people::seal(&folder, &name, &signing, &command, passphrase)?);
+            Ok(Request { id: of, command, seal })
+        })
+    }
+
+    /// Signs on a thread of its own: a key takes its time to open, or waits for somebody, and who sits here must be able
+    /// to stop the arm meanwhile.
+    fn sign(
+        &self,
+        id: String,
+        is_protected: bool,
+        work: impl FnOnce() -> Result<Request, Problem> + Send + 'static,
+    ) -> Outcome {
+        let (tell, of) = (self.errands.clone(), id.clone());
+        let work = move || {
+            let came = match work() {
+                Ok(request) => Errand::Signed(Box::new(request)),
+                Err(problem) if is_protected => {
+                    Errand::Told(MsgKind::Unsigned { id: of, text: problem.sentence() })
+                }
+                Err(problem) => Errand::Told(answer(of, Refusal::BadInput, &problem)),
+            };
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(came));
+        };
+        match std::thread::Builder::new().name("signing".to_owned()).spawn(work) {
+            Ok(_) => Outcome::Quiet,
+            Err(error) => {
+                let text = format!("cannot start a thread to sign on: {error}");
+                refused(id, Refusal::BadInput, &Problem::new(text))
+            }
         }
     }
 
-    fn hand_over(&self, request: Request) -> Outcome {
+    /// Hands a request to the engine; a full queue is an answer as well.
+    #[must_use]
+    pub fn hand_over(&self, request: Request) -> Outcome {
         let id = request.id.clone();
         match self.host.ask(request) {
             Ok(()) => Outcome::Quiet,
@@ -211,5 +257,9 @@ fn bad(text: String) -> Outcome {
 }
 
 fn refused(id: String, code: Refusal, problem: &impl Hint) -> Outcome {
-    Outcome::Told(MsgKind::Answer { id, reply: Box::new(Reply::refused(code, problem)) })
+    Outcome::Told(answer(id, code, problem))
+}
+
+fn answer(id: String, code: Refusal, problem: &impl Hint) -> MsgKind {
+    MsgKind::Answer { id, reply: Box::new(Reply::refused(code, problem)) }
 }

@@ -289,7 +289,7 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
         not_after_ms: u64::MAX,
         break_glass: true,
     };
-    let signed = ana.sign(approval);
+    let signed = ana.sign(approval).unwrap();
     assert!(locked.activation().break_glass(signed.clone(), None).is_ok(), "it is answered");
     locked.live().world.cell.replace_agent(Agent::called("another"));
     assert!(locked.activation().break_glass(signed, None).is_err(), "and held");

@@ -57,7 +57,7 @@ impl PromptView {
             nonce: Nonce::random()?,
             not_after_ms: self.valid_until_ms,
             break_glass,
-        });
+        })?;
         Ok(Command::Decide { signed: Box::new(signed), shown })
     }
 }
@@ -68,7 +68,7 @@ impl SigningView {
     /// # Errors
     /// [`ApprovalError`] if the machine gives no random number for the nonce, or the command has no JSON form.
     pub fn sign(&self, who: &Identity, command: &Command) -> Result<SignedCall, ApprovalError> {
-        Ok(who.sign_call(CallClaim {
+        who.sign_call(CallClaim {
             who: who.info().name.clone(),
             role: who.info().role,
             call: command.digest().map_err(|error| ApprovalError::NoForm(error.to_string()))?,
@@ -76,6 +76,6 @@ impl SigningView {
             life: self.life.clone(),
             nonce: Nonce::random()?,
             not_after_ms: self.until_ms,
-        }))
+        })
     }
 }

@@ -307,6 +307,7 @@ fn signed() -> SignedApproval {
         not_after_ms: 1_000,
         break_glass: false,
     })
+    .unwrap()
 }
 
 /// A signed decision: nothing but what was signed has a signature that holds.

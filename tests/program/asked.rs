@@ -144,22 +144,24 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     let enrolment = holdpoint::lab::approver::enrolment(&bench.engine, "ada").unwrap().unwrap();
     assert!(matches!(bench.ask(enrolment), Reply::Accepted { .. }));
     let mut decide = |bytes: usize| {
-        let signed = identity.sign(Approval {
-            who: String::new(),
-            role: identity.info().role,
-            decision: Answer::Approve,
-            reason: text("a test"),
-            version: candidate.version.clone(),
-            candidate_digest: candidate.digest,
-            row_version: candidate.row_version,
-            evidence_digest: candidate.digest,
-            policy_digest: snapshot.policy,
-            profile: snapshot.profile,
-            store_id: text("another"),
-            nonce: Nonce::random().unwrap(),
-            not_after_ms: u64::MAX,
-            break_glass: false,
-        });
+        let signed = identity
+            .sign(Approval {
+                who: String::new(),
+                role: identity.info().role,
+                decision: Answer::Approve,
+                reason: text("a test"),
+                version: candidate.version.clone(),
+                candidate_digest: candidate.digest,
+                row_version: candidate.row_version,
+                evidence_digest: candidate.digest,
+                policy_digest: snapshot.policy,
+                profile: snapshot.profile,
+                store_id: text("another"),
+                nonce: Nonce::random().unwrap(),
+                not_after_ms: u64::MAX,
+                break_glass: false,
+            })
+            .unwrap();
         let reply = bench.ask(Command::Decide { signed: Box::new(signed), shown: Some("x".repeat(bytes)) });
         let Reply::Refused { code, .. } = reply else { panic!("not refused: {reply:?}") };
         code

@@ -148,3 +148,84 @@ fn under_human_the_first_administrator_needs_a_passphrase_first() {
     assert_eq!(fs::read_to_string(folder.path().join("store/keys/identities/admin.pub")).unwrap(), before);
     is(&folder, &[("admin", "enrolled"), ("ben", "enrolled")]);
 }
+
+#[test]
+fn a_key_that_others_can_read_is_named_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    ends(&folder, "identity new mara --unprotected", 0);
+    let key = folder.path().join("store/keys/identities/mara.key");
+    fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
+    let said = ends(&folder, "identity list", 1);
+    says(&said, &["open to others", "has mode 0644", "`chmod 600 store/keys/identities/mara.key`"]);
+    let listed = holdpoint(&folder, &["identity", "list", "--json"]);
+    assert_eq!((listed.status.code(), text(&listed.stderr).as_str()), (Some(1), ""));
+    let rows: Vec<Value> = serde_json::from_slice(&listed.stdout).unwrap();
+    assert_eq!(rows[1]["protection"], Value::Null);
+    assert!(rows[1]["problem"].as_str().unwrap().contains("0644"), "{rows:?}");
+    fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
+    ends(&folder, "identity list", 0);
+}
+
+/// OpenSSH's agent, where it is installed; it ends with the test.
+struct Agent(std::process::Child);
+
+impl Drop for Agent {
+    fn drop(&mut self) {
+        drop(self.0.kill());
+        drop(self.0.wait());
+    }
+}
+
+#[test]
+fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
+    use std::process::Command;
+    let folder = tempfile::tempdir().unwrap();
+    let (socket, file) = (folder.path().join("agent"), folder.path().join("id"));
+    let Ok(_agent) = Command::new("ssh-agent").arg("-D").arg("-a").arg(&socket).spawn().map(Agent) else {
+        println!("not looked at: there is no ssh-agent on this machine");
+        return;
+    };
+    let ran = |program: &str, words: &[&str]| {
+        let ran = Command::new(program).args(words).env("SSH_AUTH_SOCK", &socket).output().unwrap();
+        assert!(ran.status.success(), "{program}: {}", text(&ran.stderr));
+    };
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(20);
+    while !socket.exists() && std::time::Instant::now() < until {
+        std::thread::yield_now();
+    }
+    let file = file.to_str().unwrap();
+    ran("ssh-keygen", &["-q", "-t", "ed25519", "-N", "", "-C", "mara@desk", "-f", file]);
+    ran("ssh-add", &["-q", file]);
+    let with = |call: &str, socket: Option<&Path>, code: i32| {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+        process.current_dir(folder.path()).args(["--data", "store"]).args(call.split(' '));
+        match socket {
+            Some(socket) => process.env("SSH_AUTH_SOCK", socket),
+            None => process.env_remove("SSH_AUTH_SOCK"),
+        };
+        let output = process.output().unwrap();
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{call}: {said}");
+        said
+    };
+    let enrol =
+        |key: &str| format!("identity enrol mara --ssh-agent {key} --role engineer --by admin --reason hers");
+    says(&with(&enrol("eve@desk"), Some(&socket), 2), &["holds no ed25519 key eve@desk", "ssh-add -l"]);
+    says(&with(&enrol("mara@desk"), None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
+    says(&with(&enrol("mara@desk"), Some(&socket), 0), &["mara is enrolled as engineer by admin"]);
+    let keys = folder.path().join("store/keys/identities");
+    assert!(keys.join("mara.agent").exists() && !keys.join("mara.key").exists());
+    let said = with("identity list", Some(&socket), 0);
+    assert!(said.lines().any(|row| row.starts_with("mara") && row.contains("elsewhere")), "{said}");
+    // What she answers for, the agent signs.
+    ends(&folder, "stop", 0);
+    let go = "go --as mara --reason empty";
+    says(&with(go, None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
+    says(&with(go, Some(&socket), 0), &["works again"]);
+    let asked = ends(&folder, "audit list --kind asked --json", 0);
+    says(&asked, &["mara", "verified"]);
+    ran("ssh-add", &["-q", "-D"]);
+    ends(&folder, "stop", 0);
+    says(&with(go, Some(&socket), 2), &["does not hold the key of", "ssh-add FILE"]);
+    says(&ends(&folder, "audit verify", 0), &["sound"]);
+}

@@ -12,6 +12,7 @@ use crate::cli::output::Output;
 use crate::cli::passphrase;
 use crate::cli::side::{door_error, refused, running};
 use crate::error::CliError;
+use holdpoint_approvals::agent::Agent;
 use holdpoint_approvals::keyfile::{self, Protection};
 use holdpoint_approvals::{Identity, IdentityInfo, PersonActKind, Persons, SignedPersonAct};
 use holdpoint_engine::door::Client;
@@ -184,26 +185,48 @@ pub(super) fn enrol_new(
     Ok(Enrolment::By { name: admin.info().name.clone(), asked })
 }
 
+/// Which key is to be enrolled.
+#[derive(Clone, Copy)]
+pub(super) enum EnrolledKey<'a> {
+    /// That of the name, in the store's folder.
+    Here,
+    /// A public key from elsewhere: its file, or its digits.
+    Given(&'a str),
+    /// One that an ssh-agent holds, by comment or fingerprint, and what the person does.
+    Agent(Option<&'a str>, Role),
+}
+
 /// Has a key enrolled that is there.
 pub(super) fn enrol(
     context: &CliContext,
-    (name, public_key, role): (&str, Option<&str>, Option<Role>),
+    (name, key, role): (&str, EnrolledKey<'_>, Option<Role>),
     args: &ActArgs,
     out: &mut Output<'_>,
 ) -> Result<(), CliError> {
     let folder = Layout::new(&context.data).identities();
-    let who = match public_key {
-        Some(given) => from_elsewhere(name, given, role)?,
-        None => in_folder(&folder, name, role)?,
+    let who = match key {
+        EnrolledKey::Given(given) => from_elsewhere(name, given, role)?,
+        EnrolledKey::Here => in_folder(&folder, name, role)?,
+        EnrolledKey::Agent(named, role) => {
+            let key = Agent::named().and_then(|agent| agent.key(named)).map_err(CliError::usage)?;
+            IdentityInfo { name: name.to_owned(), role, public_key: key.public_key }
+        }
     };
     let register = Register::open(context)?;
     let admin =
         register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Enrol)?;
-    let unprotected = public_key.is_none() && is_unprotected(&register.layout, name);
+    let is_here = matches!(key, EnrolledKey::Here);
+    let unprotected = is_here && is_unprotected(&register.layout, name);
     let signed = register
         .persons
         .enrolment(&who, unprotected, &admin, args.reason.raw())
         .map_err(CliError::internal)?;
+    // The persons are asked before the note is made, and the note is there before anybody is enrolled by it.
+    register.persons.check(&signed).map_err(CliError::held)?;
+    match key {
+        EnrolledKey::Agent(..) => Identity::note_agent(&folder, &who).map_err(CliError::usage)?,
+        EnrolledKey::Given(_) | EnrolledKey::Here => {}
+    }
     register.take(signed.clone())?;
     note_public(&folder, &who);
     out.answer(&signed, |out| {

@@ -1,17 +1,19 @@
 //! The persons of a store beside the keys in its folder.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use serde::Serialize;
 
 use crate::cli::context::CliContext;
 use crate::cli::output::{Output, Table};
-use crate::error::CliError;
-use holdpoint_approvals::keyfile::{self, Protection};
-use holdpoint_approvals::{Identity, IdentityInfo, People, Person, PersonState};
+use crate::error::{CliError, Exit};
+use holdpoint_approvals::keyfile::{self, KeyError, Protection};
+use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, People, Person, PersonState};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::words;
 use holdpoint_registry::{Layout, Views};
+use holdpoint_text::Hint;
 
 words! {
     /// How somebody stands in a store.
@@ -35,9 +37,10 @@ impl From<PersonState> for EnrolmentStanding {
 #[derive(Serialize)]
 pub(super) struct ListedIdentity {
     pub(super) name: String,
-    pub(super) role: Role,
+    /// As its public file has it: one that does not exist is among what is wrong.
+    pub(super) role: String,
     pub(super) public_key: String,
-    /// Absent if the key file cannot be read.
+    /// Absent if the key file cannot be read, or others can read it.
     pub(super) protection: Option<Protection>,
     pub(super) state: EnrolmentStanding,
     /// Whether the key had no passphrase when it was enrolled, as far as that could be seen.
@@ -47,19 +50,48 @@ pub(super) struct ListedIdentity {
     enrolled_by: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     revoked_by: Option<String>,
+    /// What is wrong with the files, and what to do; absent if nothing is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    problem: Option<String>,
+    /// Whether others than the owner can read the key.
+    #[serde(skip)]
+    is_open: bool,
 }
 
 impl ListedIdentity {
     pub(super) fn of(info: &IdentityInfo, protection: Option<Protection>) -> Self {
         Self {
             name: info.name.clone(),
-            role: info.role,
+            role: info.role.name().to_owned(),
             public_key: keyfile::hex(info.public_key.as_bytes()),
             protection,
             state: EnrolmentStanding::NotEnrolled,
             enrolled_unprotected: None,
             enrolled_by: None,
             revoked_by: None,
+            problem: None,
+            is_open: false,
+        }
+    }
+
+    /// Somebody whose public file names a role that does not exist: nobody, until it is enrolled in another.
+    fn without_role(name: &str, folder: &Path, error: &IdentityError) -> Result<Self, CliError> {
+        let public = folder.join(format!("{name}.pub"));
+        let (public_key, role) = keyfile::read_public(&public).map_err(CliError::usage)?;
+        let info = IdentityInfo { name: name.to_owned(), role: Role::Operator, public_key };
+        Ok(Self { role, problem: Some(error.sentence()), ..Self::of(&info, None) })
+    }
+
+    /// With what protects the key, or what is wrong with its file.
+    fn looked_at(self, folder: &Path, problems: &mut Vec<CliError>) -> Self {
+        match Identity::protection(folder, &self.name) {
+            Ok(protection) => Self { protection: Some(protection), ..self },
+            Err(error) => {
+                let is_open = matches!(&error, IdentityError::Key(KeyError::Permissions { .. }));
+                let problem = Some(error.sentence());
+                problems.push(CliError::usage(&error));
+                Self { protection: None, is_open, problem, ..self }
+            }
         }
     }
 
@@ -72,47 +104,53 @@ impl ListedIdentity {
         Self { state, ..Self::of(info, protection) }
     }
 
-    fn of_person(person: &Person, protection: Option<Protection>) -> Self {
+    fn of_person(person: &Person) -> Self {
         Self {
             state: person.state.into(),
             enrolled_unprotected: Some(person.unprotected),
             enrolled_by: Some(person.enrolled_by.clone()),
             revoked_by: person.revoked_by.clone(),
-            ..Self::of(&person.info(), protection)
+            ..Self::of(&person.info(), None)
         }
     }
 
     pub(super) fn protection(&self) -> &'static str {
-        self.protection.map_or("unreadable", Protection::name)
+        let otherwise = if self.is_open { "open to others" } else { "unreadable" };
+        self.protection.map_or(otherwise, Protection::name)
     }
 }
 
-/// Prints everybody, by name: the store says who is enrolled, the folder which keys are there.
-pub(super) fn list(context: &CliContext, out: &mut Output<'_>) -> Result<(), CliError> {
+/// Prints everybody, by name: the store says who is enrolled, the folder which keys are there. Files that are not as
+/// they must be are told beside, or in the document.
+pub(super) fn list(context: &CliContext, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let layout = Layout::new(&context.data);
     let folder = layout.identities();
     let files =
         if folder.is_dir() { Identity::list(&folder).map_err(CliError::usage)? } else { People::default() };
-    for error in &files.without_role {
-        CliError::usage(error).print(&mut std::io::stderr().lock());
-    }
-    let protection = |name: &str| {
-        let protection = Identity::protection(&folder, name);
-        if let Err(error) = &protection {
-            CliError::usage(error).print(&mut std::io::stderr().lock());
-        }
-        protection.ok()
-    };
     let mut rows: BTreeMap<String, ListedIdentity> = BTreeMap::new();
+    let mut problems = Vec::new();
     if layout.database().exists() {
         let views = Views::open_checked(&layout.database()).map_err(CliError::usage)?;
         for person in views.persons().map_err(CliError::usage)?.all() {
-            rows.insert(person.name.clone(), ListedIdentity::of_person(person, protection(&person.name)));
+            rows.insert(
+                person.name.clone(),
+                ListedIdentity::of_person(person).looked_at(&folder, &mut problems),
+            );
         }
     }
     for info in &files.known {
         if !rows.contains_key(&info.name) {
-            rows.insert(info.name.clone(), ListedIdentity::of(info, protection(&info.name)));
+            rows.insert(info.name.clone(), ListedIdentity::of(info, None).looked_at(&folder, &mut problems));
+        }
+    }
+    for error in &files.without_role {
+        if let IdentityError::Role { name, .. } = error
+            && !rows.contains_key(name)
+        {
+            let row = ListedIdentity::without_role(name, &folder, error)?;
+            problems.push(CliError::usage(error));
+            let protection = Identity::protection(&folder, name).ok();
+            rows.insert(name.clone(), ListedIdentity { protection, ..row });
         }
     }
     let rows: Vec<ListedIdentity> = rows.into_values().collect();
@@ -123,8 +161,14 @@ pub(super) fn list(context: &CliContext, out: &mut Output<'_>) -> Result<(), Cli
         let mut table = Table::new(&["name", "role", "state", "protection", "enrolled by", "public key"]);
         for row in &rows {
             let by = row.enrolled_by.as_deref().unwrap_or("-");
-            table.row([&row.name, row.role.name(), row.state.name(), row.protection(), by, &row.public_key]);
+            table.row([&row.name, &row.role, row.state.name(), row.protection(), by, &row.public_key]);
         }
         out.table(&table)
-    })
+    })?;
+    if !out.is_json() {
+        for problem in &problems {
+            problem.print(&mut std::io::stderr().lock());
+        }
+    }
+    Ok(if problems.is_empty() { Exit::Confirmed } else { Exit::Rejected })
 }

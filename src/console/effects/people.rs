@@ -5,14 +5,12 @@
 
 use std::path::Path;
 
-use crate::form::NOBODY;
-use crate::model::Model;
 use crate::operator::Operator;
 use crate::prompt::PromptAnswer;
 use holdpoint_approvals::keyfile::{KeyError, Protection};
 use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, Passphrase, SealedError, SignedCall};
-use holdpoint_protocol::command::{Authority, Command};
-use holdpoint_protocol::snapshot::Purpose;
+use holdpoint_protocol::command::Command;
+use holdpoint_protocol::snapshot::{Purpose, SigningView};
 use holdpoint_text::Problem;
 
 /// Everybody who could sit here; nobody if no identity was made yet.
@@ -50,23 +48,17 @@ pub fn sign(
     command.map_err(|error| Problem::of(&error))
 }
 
-/// The signature of who sits here under a request that gives authority; absent where none is asked for.
+/// Somebody's signature under a request that gives authority.
 pub fn seal(
     folder: &Path,
-    model: &Model,
+    name: &str,
+    signing: &SigningView,
     command: &Command,
     passphrase: Option<Passphrase>,
-) -> Result<Option<Box<SignedCall>>, Problem> {
-    let signing = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.signing.as_ref());
-    let Some(signing) = signing.filter(|signing| signing.required) else { return Ok(None) };
-    if command.authority() != Authority::Gives {
-        return Ok(None);
-    }
-    let who = model.seat.operator.as_ref().map(|who| who.name.as_str());
-    let name = command.by().or(who).ok_or_else(|| Problem::new(NOBODY))?;
+) -> Result<Box<SignedCall>, Problem> {
     let identity = opened(folder, name, passphrase)?;
     let seal = signing.sign(&identity, command).map_err(|error| Problem::of(&error))?;
-    Ok(Some(Box::new(seal)))
+    Ok(Box::new(seal))
 }
 
 /// Somebody's key, opened for one signature.

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
 
-use super::{bad, good};
+use super::{Errand, bad, good};
 use crate::effects::Outcome;
 use crate::msg::MsgKind;
 use holdpoint_governance::ids::CapabilityId;
@@ -45,14 +45,14 @@ pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<Pat
 }
 
 /// Has it shown; what came of it is told later.
-pub(super) fn open(shown: ViewerScene, logs: PathBuf, tell: mpsc::Sender<MsgKind>) -> Outcome {
+pub(super) fn open(shown: ViewerScene, logs: PathBuf, tell: mpsc::Sender<Errand>) -> Outcome {
     let work = move || {
         let what = match start(&shown, &logs) {
             Ok(text) => MsgKind::Done { text, bad: false },
             Err(text) => MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true },
         };
         // The console may have ended meanwhile.
-        drop(tell.blocking_send(what));
+        drop(tell.blocking_send(Errand::Told(what)));
     };
     match std::thread::Builder::new().name("viewer-start".to_owned()).spawn(work) {
         Ok(_) => good("starting the scene viewer".to_owned()),

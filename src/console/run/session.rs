@@ -16,7 +16,7 @@ use super::input;
 use super::pace::{FramePace, Want};
 use super::screen::Screen;
 use crate::effect::Effect;
-use crate::effects::{EffectTarget, Hands, Outcome, ReadCandidate};
+use crate::effects::{EffectTarget, Errand, Hands, Outcome, ReadCandidate};
 use crate::frame;
 use crate::look::Look;
 use crate::model::{Model, Overlay, View};
@@ -64,7 +64,7 @@ pub(super) struct Session {
     guard: RunningGuard,
     inputs: mpsc::Receiver<MsgKind>,
     /// How errands went that took long.
-    errands: mpsc::Receiver<MsgKind>,
+    errands: mpsc::Receiver<Errand>,
     hands: Hands,
     operator: Option<String>,
     pace: FramePace,
@@ -79,7 +79,7 @@ pub(super) struct Session {
 
 enum SessionInput {
     Input(Option<MsgKind>),
-    Errand(MsgKind),
+    Errand(Errand),
     Update(Option<Update>),
     Snapshot,
     Picture,
@@ -170,7 +170,11 @@ impl Session {
             SessionInput::Input(Some(what)) => self.input(what),
             // The thread that reads has given up: the terminal is gone.
             SessionInput::Input(None) => self.told_to_end(true),
-            SessionInput::Errand(what) => self.take(what, Want::Key),
+            SessionInput::Errand(Errand::Told(what)) => self.take(what, Want::Key),
+            SessionInput::Errand(Errand::Signed(request)) => match self.hands.hand_over(*request) {
+                Outcome::Told(what) => self.take(what, Want::Key),
+                Outcome::Quiet | Outcome::End => {}
+            },
             SessionInput::Update(Some(told)) => self.engine(told),
             SessionInput::Update(None) => self.engine(Update::Ended(Err("its thread is gone".to_owned()))),
             SessionInput::Snapshot => {

@@ -177,6 +177,7 @@ mod tests {
                 not_after_ms,
                 break_glass: false,
             })
+            .unwrap()
         };
         let [ana, ben, eve] =
             ["ana", "ben", "eve"].map(|name| Identity::create(folder.path(), name, Role::Engineer).unwrap());

@@ -369,7 +369,7 @@ fn persons_and_who_approved_are_judged_by_both() {
     let approval = serde_json::from_value(value["approval"]["approval"].clone()).unwrap();
     fs::create_dir(root.path().join("others")).unwrap();
     let other = Identity::create(&root.path().join("others"), "ada", Role::Operator);
-    let signed = other.unwrap().sign(approval);
+    let signed = other.unwrap().sign(approval).unwrap();
     *line = serde_json::json!({ "approval": signed }).to_string();
     fs::write(&file, lines.join("\n") + "\n").unwrap();
     assert!(both(&file).unwrap_err().contains("another key than that of who gave it"));

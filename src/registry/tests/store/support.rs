@@ -199,7 +199,7 @@ pub fn administrator(store: &Store) -> Identity {
 
 /// An approval of the shadowed `name` on its gate record, until 1000 ms.
 pub fn approve(store: &Store, who: &Identity, name: &str, nonce: u8) -> SignedApproval {
-    who.sign(approval(store, name, nonce))
+    who.sign(approval(store, name, nonce)).unwrap()
 }
 
 /// As [`approve`], not yet signed.
