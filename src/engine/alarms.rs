@@ -136,7 +136,9 @@ impl Record {
             }
             AlarmKey::Restricted(version) => !self.is_restricted(version),
             // Measured by the live tasks of the version (`health.rs`); who no longer works does no more of it.
-            AlarmKey::Violation(version) | AlarmKey::Degraded(version) => !self.is_active(version),
+            AlarmKey::Violation(version) | AlarmKey::Degraded(version) | AlarmKey::WeakRecovery(version) => {
+                !self.is_active(version)
+            }
             // Measured to be over by whoever works (`senses.rs`).
             AlarmKey::CellDegraded => false,
             AlarmKey::SafeStopped(family) => self.is_in_control(family),

@@ -51,6 +51,15 @@ impl WorkPhase {
         self as usize
     }
 
+    /// Whether the object hangs in the hand and is moved.
+    #[must_use]
+    pub const fn moves_what_hangs(self) -> bool {
+        match self {
+            Self::Lifting | Self::Transport | Self::SettingDown => true,
+            Self::Approach | Self::Contact | Self::Holding | Self::Released => false,
+        }
+    }
+
     /// What was to be seen in one tick, told apart. `velocity_m_s` is the object's, world frame, z up.
     #[must_use]
     pub fn of(seen: &PhaseSigns) -> Self {

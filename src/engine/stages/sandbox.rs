@@ -1,6 +1,7 @@
 //! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills
 //! in turns; measured behaviour and recovery replace the estimates.
 
+use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode;
@@ -175,7 +176,7 @@ impl Sandbox<'_> {
                         let run = Some(Box::new(SandboxRun { phase, ..*run }));
                         return Ok(SandboxStep { run, episodes: 0 });
                     }
-                    self.decide(&id, &comparison)?;
+                    self.decide(&id, &active.id(), &comparison)?;
                     return Ok(over);
                 }
                 let ledger = self.record.ledger();
@@ -191,7 +192,7 @@ impl Sandbox<'_> {
             }
             SandboxPhase::Search(mut comparison, mut search) => {
                 if search.is_over() || comparison.evaluation.ended() == Some(EndReason::HardStop) {
-                    self.decide(&id, &comparison)?;
+                    self.decide(&id, &active.id(), &comparison)?;
                     return Ok(over);
                 }
                 episodes = self.search(&candidate, &active, &mut search, &mut comparison.evaluation)?;
@@ -314,7 +315,12 @@ impl Sandbox<'_> {
     }
 
     /// Psi over measured behaviour and rehearsed recovery.
-    fn decide(&mut self, id: &CapabilityId, comparison: &Comparison) -> Result<(), Fault> {
+    fn decide(
+        &mut self,
+        id: &CapabilityId,
+        active: &CapabilityId,
+        comparison: &Comparison,
+    ) -> Result<(), Fault> {
         let candidate = self.record.capability(id)?;
         let profile = &self.context.profile;
         let (evaluation, records) = (&comparison.evaluation, &comparison.records);
@@ -344,6 +350,7 @@ impl Sandbox<'_> {
         let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
         dossier.reasons = decision.reasons().to_vec();
         decided(self.context, self.record, dossier, id, Stage::Sandbox, &decision);
+        tell_weakness(self.record, active, &kappas, profile.alarms.degraded);
         let (version, _, _) = self.record.ledger().version(id)?;
         let note = stage_note(dossier, id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
         match decision.outcome() {
@@ -363,6 +370,21 @@ impl Sandbox<'_> {
                 Ok(())
             }
         }
+    }
+}
+
+/// Raises an alarm for what the drills say of the active version itself: its candidate is judged beside it, and nobody
+/// else looks at how well it can be stopped.
+fn tell_weakness(record: &mut Record, active: &CapabilityId, kappas: &Kappas, priority: Priority) {
+    let weak = kappas.recovery.reasons.iter().filter(|reason| reason.code == ReasonCode::RecoveryActiveWeak);
+    let said: Vec<String> = weak
+        .map(|reason| match (reason.evidence, reason.limit) {
+            (Some(found), Some(limit)) => format!("{} ({found:.2}, at least {limit:.2})", reason.text),
+            _ => reason.text.clone(),
+        })
+        .collect();
+    if !said.is_empty() {
+        record.raise(AlarmKey::WeakRecovery(active.clone()), priority, true, &said.join("; "));
     }
 }
 

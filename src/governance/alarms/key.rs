@@ -20,6 +20,8 @@ crate::words! {
         Violation = "violation",
         /// A version works worse than its family did when it was commissioned.
         Degraded = "degraded",
+        /// An active version's own recovery drills pass too seldom.
+        WeakRecovery = "weak-recovery",
         /// The cell's own senses are worse than when it was commissioned, whoever is active.
         CellDegraded = "cell-degraded",
         /// A family is stopped without an active version.
@@ -64,9 +66,12 @@ impl AlarmKind {
     #[must_use]
     pub const fn topic(self) -> AlarmTopic {
         match self {
-            Self::Escalated | Self::Restricted | Self::Violation | Self::Degraded | Self::CellDegraded => {
-                AlarmTopic::Monitor
-            }
+            Self::Escalated
+            | Self::Restricted
+            | Self::Violation
+            | Self::Degraded
+            | Self::WeakRecovery
+            | Self::CellDegraded => AlarmTopic::Monitor,
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
             Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
@@ -93,6 +98,8 @@ pub enum AlarmKey {
     Violation(CapabilityId),
     /// The active version under which the family works worse.
     Degraded(CapabilityId),
+    /// The active version whose drills pass too seldom.
+    WeakRecovery(CapabilityId),
     /// The one cell there is: its senses.
     CellDegraded,
     /// The family that is stopped.
@@ -130,6 +137,7 @@ impl AlarmKey {
             Self::Restricted(_) => AlarmKind::Restricted,
             Self::Violation(_) => AlarmKind::Violation,
             Self::Degraded(_) => AlarmKind::Degraded,
+            Self::WeakRecovery(_) => AlarmKind::WeakRecovery,
             Self::CellDegraded => AlarmKind::CellDegraded,
             Self::SafeStopped(_) => AlarmKind::SafeStopped,
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
@@ -153,6 +161,7 @@ impl fmt::Display for AlarmKey {
             | Self::Restricted(version)
             | Self::Violation(version)
             | Self::Degraded(version)
+            | Self::WeakRecovery(version)
             | Self::Rejected(version)
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
@@ -181,6 +190,7 @@ impl FromStr for AlarmKey {
             AlarmKind::Restricted => Self::Restricted(version()?),
             AlarmKind::Violation => Self::Violation(version()?),
             AlarmKind::Degraded => Self::Degraded(version()?),
+            AlarmKind::WeakRecovery => Self::WeakRecovery(version()?),
             AlarmKind::SafeStopped => Self::SafeStopped(family()?),
             AlarmKind::NotRecovered => Self::NotRecovered(family()?),
             AlarmKind::Rejected => Self::Rejected(version()?),
@@ -244,6 +254,7 @@ mod tests {
                 | AlarmKind::Restricted
                 | AlarmKind::Violation
                 | AlarmKind::Degraded
+                | AlarmKind::WeakRecovery
                 | AlarmKind::Rejected
                 | AlarmKind::Approval
                 | AlarmKind::Unreviewed => ":grasp@1.3.0",

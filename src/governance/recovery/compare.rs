@@ -91,7 +91,7 @@ type IntervalEnd = fn(u64, u64, f64) -> Result<f64, stats::StatsError>;
 /// Error rate at which a kind of drill leans towards worse. Leaning decides nothing: it opens a doubt that is settled
 /// on fresh drills, so that an equally good version loses its place only if it leans twice. At 40 drills, 4 failures
 /// against none lean.
-const LEAN_ALPHA: f64 = 0.05;
+pub(super) const LEAN_ALPHA: f64 = 0.05;
 
 /// Says that a kind is established as worse, or that it leans towards it.
 pub(super) fn reason(kind: &KindRates) -> Option<Reason> {

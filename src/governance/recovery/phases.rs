@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::compare::{RateInterval, interval, is_worse};
+use super::compare::{LEAN_ALPHA, RateInterval, interval, is_worse};
 use crate::decision::{Dimension, Reason, ReasonCode};
 use crate::evidence::{DrillKind, RecoveryEvidence};
 use crate::phase::{PhaseTallies, WorkPhase};
@@ -27,12 +27,13 @@ pub struct PhaseRates {
     pub candidate: Option<RateInterval>,
     /// How often the active version passed; absent with fewer.
     pub active: Option<RateInterval>,
-    /// The candidate passes in less than half of the floor and less often than the active version.
+    /// The candidate passes in less than half of the floor, and leans towards passing less often than the active version.
     pub failing: bool,
     /// The candidate's rate is established as lower at `evaluation.alpha`, shared by every kind in every phase that
     /// both versions were drilled in.
     pub established_worse: bool,
-    /// The active version was drilled here, and the candidate, whose work comes here too seldom, was not.
+    /// The active version was drilled here, and the candidate, whose work comes here too seldom, was not; nor was it in
+    /// another phase in which what hangs in the hand moves, if this is one.
     pub missing: bool,
 }
 
@@ -45,14 +46,19 @@ pub(super) fn phases(evidence: &RecoveryEvidence, profile: &Profile) -> Vec<Phas
     let compared = PhaseTallies::places().filter(both).count().max(1);
     let alpha = profile.evaluation.alpha / compared as f64;
     let least = 0.5 * profile.recovery.rho_floor;
+    let tallies = new;
     let rates = |(kind, phase): (DrillKind, WorkPhase)| {
         let (new, old) = (new.of(kind, phase), old.of(kind, phase));
         let (candidate, active) = (interval(new, PHASE_DRILLS_MIN), interval(old, PHASE_DRILLS_MIN));
         // Where the active version passes as seldom, that is a finding about it and no reason against its successor.
-        let worse_than = |rate: f64| active.is_none_or(|active| rate < active.rate);
-        let failing = candidate.is_some_and(|found| found.rate < least && worse_than(found.rate));
+        let leans = active.is_none() || is_worse(new, old, LEAN_ALPHA);
+        let failing = candidate.is_some_and(|found| found.rate < least) && leans;
         let established_worse = candidate.is_some() && active.is_some() && is_worse(new, old, alpha);
-        let missing = active.is_some() && 2 * new.feasible() < old.feasible();
+        // A path that is a diagonal has no lift: what hangs in the hand and moves was rehearsed all the same.
+        let alike = |other: &WorkPhase| tallies.of(kind, *other).feasible() >= PHASE_DRILLS_MIN;
+        let covered = phase.moves_what_hangs()
+            && WorkPhase::ALL.iter().any(|other| other.moves_what_hangs() && alike(other));
+        let missing = active.is_some() && 2 * new.feasible() < old.feasible() && !covered;
         PhaseRates { kind, phase, candidate, active, failing, established_worse, missing }
     };
     let drilled = |place: &(DrillKind, WorkPhase)| {
@@ -148,9 +154,10 @@ mod tests {
             // A quarter of all aborts, rho .93: without its phase it would be compatible.
             (abort(0), good, RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
             (abort(3), good, RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
-            // Half as weak as the active version is worse; as weak as it is not.
-            (abort(0), abort(1), RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
-            (abort(1), abort(1), RecoveryOutcome::Compatible, ReasonCode::RecoveryCompatible),
+            // As weak as the active version, give or take what chance gives, is not worse.
+            (abort(0), abort(1), RecoveryOutcome::Compatible, ReasonCode::RecoveryActiveWeak),
+            (abort(2), abort(4), RecoveryOutcome::Compatible, ReasonCode::RecoveryCompatible),
+            (abort(0), abort(6), RecoveryOutcome::Incompatible, ReasonCode::RecoveryPhaseFailing),
             (abort(9), good, RecoveryOutcome::Compatible, ReasonCode::RecoveryCompatible),
         ] {
             let found = judged(&candidate, &active).assessment;
@@ -171,6 +178,18 @@ mod tests {
     }
 
     #[test]
+    fn a_hook_that_always_fails_is_found_in_the_fewest_drills_that_count() {
+        let five = |passed, failed| {
+            let mut all = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
+            *all.phases.of_mut(DrillKind::Abort, WorkPhase::Lifting) = of(passed, failed);
+            all
+        };
+        let (whole, none) = (five(PHASE_DRILLS_MIN, 0), five(0, PHASE_DRILLS_MIN));
+        assert_eq!(judged(&none, &whole).assessment.outcome, RecoveryOutcome::Incompatible);
+        assert_eq!(judged(&whole, &whole).assessment.outcome, RecoveryOutcome::Compatible);
+    }
+
+    #[test]
     fn a_phase_the_candidate_never_shows_is_missing_evidence() {
         let good = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
         let mut without = good;
@@ -181,6 +200,11 @@ mod tests {
         let found = judged(&without, &good).assessment;
         assert_eq!(found.outcome, RecoveryOutcome::NoData);
         assert!(found.reasons.iter().any(|reason| reason.text.contains("lifting")), "{:?}", found.reasons);
+        // What hangs in the hand was moved another way.
+        for kind in DrillKind::ALL {
+            *without.phases.of_mut(kind, WorkPhase::Transport) = of(10, 0);
+        }
+        assert_eq!(judged(&without, &good).assessment.outcome, RecoveryOutcome::Compatible);
     }
 
     #[test]

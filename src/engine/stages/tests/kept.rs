@@ -249,7 +249,9 @@ fn a_shared_folder_that_is_false_is_not_used_again() {
             forger.put(&key, body.as_bytes()).unwrap();
         }
     }
-    let content = || names.iter().map(|path| std::fs::read(path).unwrap()).collect::<Vec<_>>();
+    // What was edited without the secret is refused, and worked anew in its place.
+    let forged = || names.iter().skip(1).step_by(2);
+    let content = || forged().map(|path| std::fs::read(path).unwrap()).collect::<Vec<_>>();
     let edited = content();
     let mut second = pipeline(store.path(), EpisodeCache::Shared(cells()), 2);
     let (id, outcome, _) = sandbox(&mut second, SECOND);
