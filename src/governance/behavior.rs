@@ -9,6 +9,7 @@ mod early;
 mod harm;
 
 pub use early::{assess_ended, ended, is_lost, is_lost_early};
+pub(crate) use harm::in_shadow;
 pub use harm::{HarmComparison, PastLimit};
 
 use self::harm::HarmVerdict;

@@ -317,6 +317,9 @@ pub struct Conduct {
     pub warned: bool,
     /// Share of its ticks within the profile's margin of a limit or of a keep-out zone, 0 to 1.
     pub near_share: f64,
+    /// What it did to its surroundings; absent in records of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub harm: Option<HarmMeasures>,
 }
 
 /// What one shadow sequence gave: the twin (driven by the candidate) against the live world.
@@ -359,7 +362,9 @@ impl ShadowSequence {
             self.live_conduct.near_share,
             self.twin_conduct.near_share,
         ];
+        let harm = [self.live_conduct.harm, self.twin_conduct.harm];
         shares.iter().all(|share| (0.0..=1.0).contains(share))
+            && harm.iter().flatten().all(HarmMeasures::is_valid)
     }
 }
 

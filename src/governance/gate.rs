@@ -43,6 +43,9 @@ pub struct ShadowAssessment {
 /// How many sequences more with a signal in the twin than in the live world make shadow longer: one may be chance.
 const LEAN_FROM: u64 = 2;
 
+/// The share of `shadow_alpha` that the measures of harm have.
+const HARM_SHARE: f64 = 0.1;
+
 /// How a version goes about its work, read from one side of a sequence.
 type ConductFlag = fn(&Conduct) -> bool;
 
@@ -63,7 +66,9 @@ fn leans(what: &str, net: u64) -> Reason {
 /// success, policy hits, watcher events. Output and envelope divergence, a signal that leans towards worse, and
 /// conduct (more new attempts, more policy warnings, more time near a limit) only lengthen it (design rules 3.7, 5.4).
 ///
-/// `shadow_alpha` is shared by the three signals and the two looks (after the plain and after the longest
+/// A measure of harm that is established as worse beyond its tolerance fails it as well.
+///
+/// `shadow_alpha` is shared by the three signals, the measures of harm and the two looks (after the plain and after the longest
 /// shadow), so that an equally good candidate fails with probability at most `shadow_alpha`.
 #[must_use]
 pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Profile) -> ShadowAssessment {
@@ -114,7 +119,11 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
         ),
     ];
     // The signals share the error rate, and so do the two looks: at the plain length, and once more at the longest.
-    let each = settings.shadow_alpha / (2.0 * signals.len() as f64);
+    // Where harm was measured a tenth of it is for the measures of harm, which have tolerances besides.
+    let harm_alpha = HARM_SHARE * settings.shadow_alpha;
+    let measured = evidence.sequences.iter().any(|s| s.twin_conduct.harm.is_some());
+    let signals_alpha = settings.shadow_alpha - if measured { harm_alpha } else { 0.0 };
+    let each = signals_alpha / (2.0 * signals.len() as f64);
     for (what, pairs) in signals {
         let Ok(bound) = stats::binary_pairs(pairs, each) else {
             return no_data("the signals cannot be bounded");
@@ -127,6 +136,7 @@ pub fn assess_shadow(evidence: &ShadowEvidence, current: &Binding, profile: &Pro
             leaning.push(leans(what, net));
         }
     }
+    reasons.extend(super::behavior::in_shadow(&evidence.sequences, harm_alpha / 2.0, profile));
     for (what, of) in CONDUCT {
         let sides = evidence.sequences.iter().map(|s| (of(&s.twin_conduct), of(&s.live_conduct)));
         let net = net_of(PairedCounts::of(sides));

@@ -6,21 +6,22 @@
 //! is confirmed. Time comes in as ticks; nothing here reads a clock.
 //! Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
 
+mod normal;
+
 use std::borrow::Cow;
 
 use holdpoint_body::RATE_HZ;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
+pub use normal::normal_rates;
+
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Signature};
-use super::profile::{MonitorSettings, Profile};
+use super::profile::{HarmSettings, MonitorSettings, Profile};
 use super::strictness::Strictness;
 use super::words::same_words;
-use crate::stats::{Cusum, DriftSignal, ShiryaevRoberts, StatsError, wilson_upper};
-
-/// One-sided level of the bound on what is normal for a version in the live world.
-const NORMAL_ALPHA: f64 = 0.10;
+use crate::stats::{Cusum, DriftSignal, ShiryaevRoberts, StatsError};
 
 crate::words! {
     /// What the monitor wants done; later ones outrank earlier ones.
@@ -110,16 +111,26 @@ crate::words! {
         NearLimit = "near-limit",
         /// Episodes slower than the profile's factor on what nineteen of twenty took before activation.
         Slow = "slow",
+        /// Episodes in which a measure of harm is past the profile's limit.
+        Harm = "harm",
     }
 }
+
+/// The share of episodes past a limit of harm that may be without any change: baselines are past one in far fewer.
+const HARM_SHARE: f64 = 0.05;
 
 /// The share of episodes that may be slow without any change: that none of twenty twins was slower than the bound leaves
 /// .119 open (Wilson, one-sided .05), and no shadow is shorter.
 const SLOW_SHARE: f64 = 0.12;
 
 impl Rate {
-    /// `slow_over_s`: from where an episode is slow; absent if that is not known.
-    fn is_bad(self, episode: &EpisodeValues, slow_over_s: Option<f64>) -> bool {
+    /// `slow_over_s`: from where an episode is slow; absent if that is not known. `limits`: of harm, if known.
+    fn is_bad(
+        self,
+        episode: &EpisodeValues,
+        slow_over_s: Option<f64>,
+        limits: Option<&HarmSettings>,
+    ) -> bool {
         match self {
             Self::Failure => !episode.success,
             Self::Violation => episode.violation,
@@ -131,6 +142,7 @@ impl Rate {
             Self::PolicyWarning => episode.policy_warning,
             Self::NearLimit => episode.near_violation,
             Self::Slow => slow_over_s.is_some_and(|over| episode.time_s > over),
+            Self::Harm => limits.zip(episode.harm).is_some_and(|(limits, harm)| limits.is_past(&harm)),
         }
     }
     /// The share of bad episodes that is normal, from what was measured before activation.
@@ -147,6 +159,7 @@ impl Rate {
             Self::PolicyWarning => signature.policy_warning,
             Self::NearLimit => signature.near_limit,
             Self::Slow => SLOW_SHARE,
+            Self::Harm => HARM_SHARE,
         }
     }
 
@@ -205,6 +218,9 @@ pub struct Monitor {
     /// From where an episode is slow, s; absent if nothing was measured before activation.
     #[serde(default)]
     slow_over_s: Option<f64>,
+    /// Limits of harm; absent in a monitor that an older build set up.
+    #[serde(default)]
+    limits: Option<HarmSettings>,
     provisional_left: u32,
     episodes: u64,
     charts: Vec<ControlChart>,
@@ -254,30 +270,6 @@ impl ControlChart {
             trip: ShiryaevRoberts::new(normal, settings.false_alarm_episodes)?,
         })
     }
-}
-
-/// What is normal for a version: for each rate the upper bound that the episodes of its twins leave open at .10, so
-/// that so few of them do not pass for a proof of a low rate. `None` without episodes.
-#[must_use]
-pub fn normal_rates(twins: &[EpisodeValues]) -> Option<Signature> {
-    let n = u64::try_from(twins.len()).ok().filter(|n| *n > 0)?;
-    let mean = super::behavior::signature(twins.iter())?;
-    let bound = |flag: &dyn Fn(&EpisodeValues) -> bool| {
-        let count = twins.iter().filter(|values| flag(values)).count() as u64;
-        wilson_upper(count, n, NORMAL_ALPHA).ok()
-    };
-    Some(Signature {
-        success: 1.0 - bound(&|v| !v.success)?,
-        violation: bound(&|v| v.violation)?,
-        anomaly: bound(&|v| v.anomaly)?,
-        recovery: bound(&|v| v.recovery)?,
-        retry: bound(&|v| v.retries > 0)?,
-        intervention: bound(&|v| v.intervention)?,
-        timeout: bound(&|v| v.timeout)?,
-        policy_warning: bound(&|v| v.policy_warning)?,
-        near_limit: bound(&|v| v.near_violation)?,
-        ..mean
-    })
 }
 
 fn ticks(seconds: f64) -> u64 {
@@ -331,6 +323,7 @@ impl Monitor {
             strictness,
             unsafe_continuation_max_ms: profile.runtime.unsafe_continuation_max_ms,
             slow_over_s: (expected.time_p95_s > 0.0).then_some(settings.slow_factor * expected.time_p95_s),
+            limits: Some(profile.harm),
             provisional_left: profile.activation.provisional_episodes,
             episodes: 0,
             charts,
@@ -417,9 +410,12 @@ impl Monitor {
         }
         self.episodes = self.episodes.saturating_add(1);
         self.provisional_left = self.provisional_left.saturating_sub(1);
-        let (slow_over_s, tightened) = (self.slow_over_s, self.tightened);
+        let (slow_over_s, limits, tightened) = (self.slow_over_s, self.limits, self.tightened);
         let is_judged = |rate: Rate| !(tightened && rate.follows_from_restriction());
-        self.chart(|rate| is_judged(rate).then(|| rate.is_bad(episode, slow_over_s)), now_tick)
+        self.chart(
+            |rate| is_judged(rate).then(|| rate.is_bad(episode, slow_over_s, limits.as_ref())),
+            now_tick,
+        )
     }
 
     /// A person stepped in: stopped the version in a task, or restricted it. Charted as an intervention and as

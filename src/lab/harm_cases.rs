@@ -14,7 +14,7 @@ use holdpoint_engine::trial::crew::Crew;
 use holdpoint_engine::trial::episodes::batch;
 use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
-use holdpoint_governance::evidence::{Binding, EpisodeValues, Pair, PairedEvidence};
+use holdpoint_governance::evidence::{Binding, Pair, PairedEvidence};
 use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::BehaviorOutcome;
@@ -169,11 +169,16 @@ impl Bench {
     }
 
     fn assess(&self, active: &[TaskRecord], candidate: &[TaskRecord]) -> BehaviorAssessment {
-        let pairs = active.iter().zip(candidate).filter_map(|(old, new)| {
-            Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
-        });
-        judge(pairs.collect(), &self.profile)
+        judge(pairs_of(active, candidate), &self.profile)
     }
+}
+
+fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
+    let both = active.iter().zip(candidate);
+    both.filter_map(|(old, new)| {
+        Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
+    })
+    .collect()
 }
 
 fn binding() -> Binding {
@@ -234,12 +239,10 @@ fn force_is_not_bought_by_success_nor_asked_for_beyond_the_declaration() {
     shown(&["grip +40 %", "asks 38 N, declares 25", "slams the hand shut"], 80);
 }
 
-/// The whole table over five seeds and under every profile named in `HARM_PROFILES` (all three by default).
-/// `cargo test -p holdpoint-lab -- --ignored --nocapture the_whole_table`
+/// The whole table over five seeds, under the profiles that `HARM_PROFILES` names; without it, nothing: half an hour each.
 #[test]
-#[ignore = "takes about half an hour"]
 fn the_whole_table_over_five_seeds() {
-    let wanted = std::env::var("HARM_PROFILES").unwrap_or_default();
+    let Ok(wanted) = std::env::var("HARM_PROFILES") else { return };
     let crew = Crew::new(2);
     let mut wrong = 0;
     for name in ProfileName::ALL.into_iter().filter(|name| wanted.is_empty() || wanted.contains(name.name()))
@@ -265,67 +268,76 @@ fn the_whole_table_over_five_seeds() {
     println!("{wrong} otherwise than expected");
 }
 
-/// One measured episode of the active version on a seed drawn again: what equally good versions differ by.
-fn redrawn(values: &[EpisodeValues], seed: u64, pairs: u64) -> Vec<Pair> {
+/// So many of the measured pairs, drawn with replacement.
+fn redrawn(measured: &[Pair], seed: u64, pairs: u64) -> Vec<Pair> {
     let mut state = seed;
-    let mut draw = || {
+    let mut draw = |seed| {
         // SplitMix64, as every stream of this program.
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = state;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        let index = (z ^ (z >> 31)) % values.len() as u64;
-        values[usize::try_from(index).unwrap()]
+        let index = (z ^ (z >> 31)) % measured.len() as u64;
+        Pair { seed, ..measured[usize::try_from(index).unwrap()] }
     };
-    (0..pairs).map(|seed| Pair { seed, active: draw(), candidate: draw() }).collect()
+    (0..pairs).map(&mut draw).collect()
 }
 
-/// How often an equally good version stays compatible, and how often a worse one is found: over measured episodes of
-/// the baselines, drawn with replacement and not paired, which is more noise than pairs have.
+/// How often an equally good version stays compatible, and how often a worse one is found: the pairs of each version
+/// that is kept, drawn again, and each measure made worse by shares of its tolerance in every episode. As the whole table,
+/// under the profiles that `HARM_PROFILES` names.
 #[test]
-#[ignore = "takes about ten minutes"]
 fn error_rates_and_power_of_harm() {
-    let runs: u64 = std::env::var("HARM_RUNS").ok().and_then(|runs| runs.parse().ok()).unwrap_or(500);
+    let number = |name: &str, usual: u64| -> u64 {
+        std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
+    };
+    let (runs, shifts) = (number("HARM_RUNS", 500), number("HARM_SHIFTS", 40));
+    let Ok(wanted) = std::env::var("HARM_PROFILES") else { return };
     let crew = Crew::new(2);
-    for name in ProfileName::ALL {
+    for name in ProfileName::ALL.into_iter().filter(|name| wanted.is_empty() || wanted.contains(name.name()))
+    {
         let bench = Bench::new(name);
         let pairs = u64::from(bench.profile.evaluation.sandbox_pairs);
-        for (task, version) in &bench.baselines {
-            let records = bench.work(&crew, version, CALIBRATION_FROM_RUN + 50, 600);
-            let values: Vec<EpisodeValues> = records.iter().filter_map(TaskRecord::values).collect();
+        for case in CASES.iter().filter(|case| case.expected == Kept) {
+            let active =
+                bench.work(&crew, &bench.baselines[case.task.name()], CALIBRATION_FROM_RUN + 50, 600);
+            let candidate = bench.work(&crew, &bench.made(case), CALIBRATION_FROM_RUN + 50, 600);
+            let measured = pairs_of(&active, &candidate);
+            let past = |pair: &&Pair| pair.active.harm.is_some_and(|harm| bench.profile.harm.is_past(&harm));
+            let past = measured.iter().filter(past).count();
             let mut outcomes: BTreeMap<String, u64> = BTreeMap::new();
             for run in 0..runs {
-                let found = judge(redrawn(&values, run, pairs), &bench.profile);
+                let found = judge(redrawn(&measured, run, pairs), &bench.profile);
                 let harm = found.harm.iter().filter(|harm| !harm.is_within_tolerance());
                 let kinds: Vec<&str> = harm.map(|harm| harm.kind.name()).collect();
-                *outcomes
-                    .entry(format!("{:?} {}", found.assessment.outcome, kinds.join(" ")))
-                    .or_default() += 1;
+                let said = format!("{:?} {}", found.assessment.outcome, kinds.join(" "));
+                *outcomes.entry(said).or_default() += 1;
             }
-            println!("{name} {task} equally good, {runs} runs: {outcomes:?}");
+            println!(
+                "{name} {} {runs} runs, {past} of {} baseline episodes past a limit: {outcomes:?}",
+                case.name,
+                measured.len()
+            );
             for kind in HarmKind::ALL {
                 let tolerance = bench.profile.harm.of(kind).mean;
                 let mut powers = Vec::new();
-                for factor in [0.5, 1.0, 1.5, 2.0] {
-                    let found = (0..runs / 10)
-                        .filter(|run| {
-                            let mut worse = redrawn(&values, *run, pairs);
-                            for pair in &mut worse {
-                                let harm = pair.candidate.harm.as_mut().unwrap();
-                                let sign = kind.worsening(1.0, 0.0);
-                                *harm.of_mut(kind) += sign * factor * tolerance;
-                                *harm = harm.rounded();
-                            }
-                            let found = judge(worse, &bench.profile);
-                            found.harm.iter().any(|harm| harm.kind == kind && !harm.is_within_tolerance())
-                        })
-                        .count();
-                    powers.push(format!("{:.0} %", 1000.0 * found as f64 / runs as f64));
+                for factor in [0.5, 1.0, 1.25, 1.5, 2.0] {
+                    let (mut stopped, mut established) = (0, 0);
+                    for run in 0..shifts {
+                        let mut worse = redrawn(&measured, run, pairs);
+                        for pair in &mut worse {
+                            let harm = pair.candidate.harm.as_mut().unwrap();
+                            *harm.of_mut(kind) += kind.worsening(1.0, 0.0) * factor * tolerance;
+                            *harm = harm.rounded();
+                        }
+                        let found = judge(worse, &bench.profile);
+                        let of = found.harm.iter().find(|harm| harm.kind == kind).unwrap();
+                        stopped += u32::from(!of.is_within_tolerance());
+                        established += u32::from(of.is_established());
+                    }
+                    powers.push(format!("{factor}: {stopped}/{established}"));
                 }
-                println!(
-                    "{name} {task} {kind} worse by .5, 1, 1.5, 2 tolerances ({tolerance}): {}",
-                    powers.join(", ")
-                );
+                println!("{name} {} {kind} ({tolerance}) of {shifts}: {}", case.name, powers.join(", "));
             }
         }
     }

@@ -150,6 +150,7 @@ impl TaskRecord {
             retried: self.retries > 0,
             warned: self.is_warned(),
             near_share: (f64::from(self.near_ticks) / self.used.ticks_max.max(1) as f64).min(1.0),
+            harm: self.harm,
         }
     }
 

@@ -9,9 +9,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{UPPER_ALPHA, real_pairs};
+use super::{STUDENT_FROM, UPPER_ALPHA, real_pairs};
 use crate::decision::{Dimension, Reason, ReasonCode};
-use crate::evidence::Pair;
+use crate::evidence::{Pair, ShadowSequence};
 use crate::harm::{HarmKind, HarmMeasures};
 use crate::profile::{HarmSettings, Profile};
 use crate::stats::{self, PairedCounts};
@@ -178,8 +178,36 @@ pub(super) fn compare(pairs: &[Pair], profile: &Profile) -> Result<Vec<HarmCompa
     };
     let both: Option<Vec<Measured>> = pairs.iter().map(measured).collect();
     let both = both.ok_or("only some of the episodes were measured for harm")?;
-    let each = profile.evaluation.alpha / (2 * HarmKind::ALL.len()) as f64;
-    HarmKind::ALL.into_iter().map(|kind| one(kind, &both, each, &profile.harm)).collect()
+    compare_all(&both, profile.evaluation.alpha, &profile.harm)
+}
+
+/// Every measure, in its mean and in its rare episodes; `alpha` is shared by all of them.
+fn compare_all(
+    both: &[Measured],
+    alpha: f64,
+    settings: &HarmSettings,
+) -> Result<Vec<HarmComparison>, &'static str> {
+    let each = alpha / (2 * HarmKind::ALL.len()) as f64;
+    HarmKind::ALL.into_iter().map(|kind| one(kind, both, each, settings)).collect()
+}
+
+/// What is established as worse in the twins, for shadow to fail by: the same tolerances, `alpha` for all of it. What
+/// shadow leaves open is not asked for here: the sandbox's pairs are many more.
+pub(crate) fn in_shadow(sequences: &[ShadowSequence], alpha: f64, profile: &Profile) -> Vec<Reason> {
+    let measured = |sequence: &ShadowSequence| {
+        let done = sequence.twin_success && sequence.live_success;
+        Some(Measured { new: sequence.twin_conduct.harm?, old: sequence.live_conduct.harm?, done })
+    };
+    let both: Vec<Measured> = sequences.iter().filter_map(measured).collect();
+    let compared = compare_all(&both, alpha, &profile.harm).unwrap_or_default();
+    let established = verdict(&compared).established.into_iter();
+    established
+        .map(|reason| Reason {
+            code: ReasonCode::ShadowGovernanceDivergence,
+            dimension: Dimension::Shadow,
+            ..reason
+        })
+        .collect()
 }
 
 fn one(
@@ -193,8 +221,9 @@ fn one(
     let done: Vec<_> = both.iter().filter(|pair| pair.done).map(|pair| (pair.new, pair.old)).collect();
     let worse: Vec<f64> = done.iter().map(|(new, old)| kind.worsening(new.of(kind), old.of(kind))).collect();
     let bound = |alpha| real_pairs(&worse, tolerances.mean, alpha).map_err(|_| FAILED);
+    let high = || upper_mean(&worse, tolerances.mean).ok_or(FAILED);
     // Nothing to compare: not worse as far as known, and not bounded either.
-    let means = if done.len() < 2 { None } else { Some((bound(each)?, bound(UPPER_ALPHA)?)) };
+    let means = if done.len() < 2 { None } else { Some((bound(each)?, high()?)) };
     let is_past = |measures: &HarmMeasures| kind.is_past(measures.of(kind), tolerances.limit);
     let counts = PairedCounts::of(both.iter().map(|pair| (is_past(&pair.new), is_past(&pair.old))));
     let share = |alpha| stats::binary_pairs(counts, alpha).map_err(|_| FAILED);
@@ -210,7 +239,7 @@ fn one(
         candidate: mean(&mut done.iter().map(|(new, _)| new.of(kind))),
         worsening: means.as_ref().map_or(0.0, |(low, _)| low.mean),
         lower: means.as_ref().map_or(0.0, |(low, _)| low.lower),
-        upper: means.as_ref().map(|(_, high)| high.upper),
+        upper: means.as_ref().map(|(_, upper)| *upper),
         tolerance: tolerances.mean,
         past: PastLimit {
             limit: tolerances.limit,
@@ -221,6 +250,18 @@ fn one(
             tolerance: settings.past_tolerance,
         },
     })
+}
+
+/// One-sided upper bound of the mean worsening at .05. Where hardly a pair differs the mean is at most the share of worse
+/// pairs, bounded from above, times the largest worsening seen, which is taken for the tolerance at least; what got
+/// better makes up for none of it.
+fn upper_mean(worse: &[f64], tolerance: f64) -> Option<f64> {
+    if worse.iter().filter(|d| **d != 0.0).count() >= STUDENT_FROM {
+        return Some(real_pairs(worse, tolerance, UPPER_ALPHA).ok()?.upper);
+    }
+    let count = worse.iter().filter(|d| **d > 0.0).count() as u64;
+    let share = stats::clopper_pearson_upper(count, worse.len() as u64, UPPER_ALPHA).ok()?;
+    Some(share * worse.iter().copied().fold(tolerance, f64::max))
 }
 
 /// What harm has to say to the outcome.

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::harm::HarmKind;
+use crate::harm::{HarmKind, HarmMeasures};
 
 /// What a profile allows of one measure; written `[mean, limit]`, both in the measure's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -81,6 +81,12 @@ pub struct HarmSettings {
 }
 
 impl HarmSettings {
+    /// Whether any measure is past its limit.
+    #[must_use]
+    pub fn is_past(&self, harm: &HarmMeasures) -> bool {
+        HarmKind::ALL.into_iter().any(|kind| kind.is_past(harm.of(kind), self.of(kind).limit))
+    }
+
     /// What is allowed of a measure.
     #[must_use]
     pub const fn of(&self, kind: HarmKind) -> HarmTolerance {

@@ -1,3 +1,5 @@
+//! What the meter makes of contacts, forces, commands and values that are none.
+
 use super::*;
 use holdpoint_body::Pose;
 use holdpoint_governance::harm::HarmKind;

@@ -3,11 +3,14 @@
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{EpisodeValues, PairedEvidence};
+use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
+use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::outcome::BehaviorOutcome::{self, Compatible, Incompatible, NoData, Suspicious};
+use holdpoint_governance::outcome::Check;
 use holdpoint_governance::profile::{Profile, ProfileName};
 
-use crate::fixture::{GOOD, binding, pairs, profile};
+use crate::fixture::{GOOD, binding, pairs, profile, shadow};
 
 /// A job as the baselines do it.
 const USUAL: HarmMeasures = HarmMeasures {
@@ -101,6 +104,17 @@ fn rare_bad_episodes_count_whether_or_not_they_were_done() {
     assert!(said.text.contains("past 0.0100 m in 12.7 % of episodes against 0.0 %"), "{said}");
 }
 
+/// Three hard touches in 300 episodes are neither a habit nor a doubt; thirty are.
+#[test]
+fn a_few_touches_are_chance_and_many_are_not() {
+    for name in ProfileName::ALL {
+        let profile = profile(name);
+        let touched = |count| evidence(&profile, count, &|harm| harm.touch_speed_m_s = 0.35);
+        assert_eq!(assess(&touched(3), &profile).assessment.outcome, Compatible, "{name}");
+        assert_ne!(assess(&touched(30), &profile).assessment.outcome, Compatible, "{name}");
+    }
+}
+
 #[test]
 fn a_distance_is_worse_when_it_shrinks() {
     let profile = profile(ProfileName::Human);
@@ -144,4 +158,39 @@ fn half_measured_is_not_measured() {
     let text = serde_json::to_string(&pairs(&profile)).unwrap();
     assert!(!text.contains("harm"));
     assert_eq!(serde_json::from_str::<PairedEvidence>(&text).unwrap(), pairs(&profile));
+}
+
+/// Twenty shadow sequences: the twin lets go high up in every one, and everything comes out well.
+#[test]
+fn shadow_fails_by_harm_alone_and_not_by_what_is_tolerated() {
+    let profile = profile(ProfileName::Sim);
+    for (fall_m, check) in [(0.02, Check::Fail), (0.001, Check::Pass)] {
+        let mut evidence = shadow(&profile);
+        for sequence in &mut evidence.sequences {
+            sequence.live_conduct.harm = Some(USUAL);
+            let drop_height_m = fall_m * (1.0 + 0.1 * (sequence.seed % 5) as f64);
+            sequence.twin_conduct.harm = Some(HarmMeasures { drop_height_m, ..USUAL });
+        }
+        let found = assess_shadow(&evidence, &binding(), &profile);
+        assert_eq!(found.check, check, "{fall_m}: {found:?}");
+        let said = found.reasons.iter().any(|reason| reason.text.contains("fall of the object"));
+        assert_eq!(said, check == Check::Fail, "{found:?}");
+    }
+}
+
+/// Live, an episode past a limit of harm counts; as few as any version has are no drift, and half of them are.
+#[test]
+fn a_version_that_harms_live_is_warned_about() {
+    let profile = profile(ProfileName::Sim);
+    let twin = EpisodeValues { harm: Some(USUAL), ..GOOD };
+    let blow = EpisodeValues { harm: Some(HarmMeasures { landing_speed_m_s: 0.5, ..USUAL }), ..GOOD };
+    let run = |every: usize| {
+        let expected = normal_rates(&[twin; 20]).unwrap();
+        let mut monitor = Monitor::new(&profile, &expected, 0).unwrap();
+        let values = (1..=40_usize).map(|n| if n % every == 0 { blow } else { twin });
+        let acts: Vec<MonitorAction> = values.map(|episode| monitor.observe(&episode, 0).action).collect();
+        acts.iter().any(|action| *action != MonitorAction::Continue)
+    };
+    assert!(!run(40));
+    assert!(run(2));
 }
