@@ -36,8 +36,8 @@ struct Found {
     worse_than_other: u32,
 }
 
-fn search(lab: &Lab<'_>, parties: [&Party; 2], style: SearchStyle, limits: HarmSettings) -> Searched {
-    let mut search = Search::new(lab.seed, style, limits);
+fn search(lab: &Lab<'_>, parties: [&Party; 2], style: SearchStyle, limits: &HarmSettings) -> Searched {
+    let mut search = Search::new(lab.seed, style, *limits);
     while !search.is_over() {
         let (first, points) = search.next(usize::MAX);
         search.take(&lab.places(parties[0], parties[1], first, &points).unwrap());
@@ -77,7 +77,7 @@ fn main() {
                 cell: &cell,
                 cells: &cells,
             };
-            let by = |style| search(&lab, [&candidate, &active], style, profile.harm);
+            let by = |style| search(&lab, [&candidate, &active], style, &profile.harm);
             let (by_search, by_draws) = (by(SearchStyle::Evolution), by(SearchStyle::Random));
             for (found, one, other) in
                 [(&mut climbed, &by_search, &by_draws), (&mut drawn, &by_draws, &by_search)]

@@ -201,13 +201,9 @@ fn judge_packages(seeds: u64) {
     }
 }
 
+/// Under one seed, or as many as `HOLDPOINT_JUDGED_SEEDS` says: ten evaluations each.
 #[test]
 fn packages_with_bad_hooks_are_lost_and_honest_ones_are_kept() {
-    judge_packages(1);
-}
-
-#[test]
-#[ignore = "minutes: fifty evaluations"]
-fn packages_are_judged_the_same_over_five_seeds() {
-    judge_packages(5);
+    let seeds = std::env::var("HOLDPOINT_JUDGED_SEEDS").ok().and_then(|text| text.parse().ok());
+    judge_packages(seeds.unwrap_or(1));
 }
