@@ -23,7 +23,7 @@ use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::submission::Package;
-use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
@@ -151,8 +151,21 @@ impl PlainStream<'_> {
         let package = Package::clone(&candidate.package);
         let command = Command::Register { package, name: name.to_owned() };
         let reply = self.pump.submit(Request::unsigned("demonstration".to_owned(), command));
-        if let Reply::Refused { text, hint, .. } = reply {
-            return Err(CliError::usage(Problem::from((text, hint))));
+        match reply {
+            // The demonstration is nobody, and signs nothing.
+            Reply::Refused { code: Refusal::NotAllowed, text, .. } => {
+                return Err(CliError::usage(text).with_hint(
+                    "`holdpoint demo` runs under sim; `:demo` in the console is signed by who sits there, and `holdpoint \
+                     candidate register DIR --as NAME` by NAME",
+                ));
+            }
+            Reply::Refused { text, hint, .. } => return Err(CliError::usage(Problem::from((text, hint)))),
+            Reply::Accepted { .. }
+            | Reply::Snapshot { .. }
+            | Reply::Detail { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Verified { .. } => {}
         }
         let events = self.pump.tell();
         self.tell(&events)

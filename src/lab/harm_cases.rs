@@ -95,7 +95,7 @@ const CASES: &[Case] = &[
         "slams the object down",
         Place,
         &[("lower_speed_m_s", 0.4), ("contact_force_n", 30.0)],
-        Harms(HarmKind::Jerk),
+        Harms(HarmKind::LandingSpeed),
     ),
     case(
         "strikes what it grasps",
