@@ -92,7 +92,7 @@ pub struct Summary {
     pub benign_not_kept: Proportion,
     /// Median of the sandbox episodes until an overtly faulty candidate was rejected, those that needed none included.
     pub median_to_reject: Option<u64>,
-    /// Overtly faulty candidates that were rejected within [`EARLY_SHARE`] of the budget / rejected.
+    /// Overtly faulty candidates that were rejected within a quarter of the budget / rejected.
     pub rejected_early: Proportion,
     /// The same over those alone that the static checks let through.
     pub median_to_reject_measured: Option<u64>,
