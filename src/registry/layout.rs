@@ -1,12 +1,13 @@
 //! Where a store keeps what: the folder, its files, and the lock that gives it to one engine.
 
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, Write};
+use std::io::{ErrorKind, Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::error::StoreError;
+use holdpoint_text::file::{NO_LINK, regular};
 
 /// The paths of one store.
 #[derive(Clone, Debug)]
@@ -152,7 +153,10 @@ impl EngineLock {
             .create(true)
             .truncate(false)
             .mode(0o600)
+            // What is written into it must not end up elsewhere.
+            .custom_flags(NO_LINK)
             .open(&path)
+            .and_then(regular)
             .map_err(StoreError::io("open the engine lock", &path))?;
         let folder = File::open(layout.folder()).map_err(StoreError::io("open", layout.folder()))?;
         for (lock, named) in [(&folder, layout.folder()), (&file, path.as_path())] {
@@ -188,7 +192,12 @@ pub(crate) fn lock_owner(layout: &Layout) -> Result<Option<String>, StoreError> 
         }
         Err(TryLockError::WouldBlock) => {
             let mut owner = String::new();
-            let read = File::open(layout.lock()).and_then(|file| file.take(200).read_to_string(&mut owner));
+            let read = OpenOptions::new()
+                .read(true)
+                .custom_flags(NO_LINK)
+                .open(layout.lock())
+                .and_then(regular)
+                .and_then(|file| file.take(200).read_to_string(&mut owner));
             let known = read.is_ok() && owner.starts_with("process ");
             Ok(Some(if known { owner.trim_end().to_owned() } else { "another process".to_owned() }))
         }
@@ -204,7 +213,14 @@ pub(crate) fn sync_folder(path: &Path) -> Result<(), StoreError> {
 /// Writes a whole file so that either the old or the new one is there, whatever happens.
 pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
     let part = path.with_extension("part");
-    let mut file = File::create(&part).map_err(StoreError::io("create", &part))?;
+    // What lies there, left by a sudden end or put there as a link to something else, is never written through.
+    match fs::remove_file(&part) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            return Err(StoreError::io("create", &part)(error));
+        }
+        Ok(()) | Err(_) => {}
+    }
+    let mut file = File::create_new(&part).map_err(StoreError::io("create", &part))?;
     file.write_all(bytes).and_then(|()| file.sync_all()).map_err(StoreError::io("write", &part))?;
     fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
     path.parent().map_or(Ok(()), sync_folder)

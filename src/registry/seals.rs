@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::change::Change;
 
+/// The most batches between two that are looked at one by one; at 32 tasks a batch, more than a decade of them.
+const EACH_MAX: u64 = 10_000_000;
+
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -82,6 +85,12 @@ impl TelemetryAccount {
         let mut next = self.pruned.unwrap_or(0) + 1;
         let ends = there.iter().copied().filter(|batch| (next..=self.sealed).contains(batch));
         for batch in ends.chain([self.sealed.saturating_add(1)]).collect::<Vec<_>>() {
+            if batch - next > EACH_MAX {
+                // So many were never there: somebody wrote a number into the file.
+                gaps.push([next, batch - 1]);
+                next = batch.saturating_add(1);
+                continue;
+            }
             for missing in next..batch {
                 if self.is_missed(missing) || self.is_pruned(missing, oldest) {
                     continue;
@@ -92,7 +101,7 @@ impl TelemetryAccount {
                     Some(_) | None => gaps.push([missing, missing]),
                 }
             }
-            next = batch + 1;
+            next = batch.saturating_add(1);
         }
         gaps
     }
@@ -169,6 +178,11 @@ mod tests {
         assert_eq!(account.gaps(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], Some(1), 64), [[0; 2]; 0]);
         assert_eq!(account.gaps(&[3, 4, 8, 10], Some(3), 64), [[1, 2], [5, 7], [9, 9]]);
         assert_eq!(account.gaps(&[3, 4, 8, 10], Some(3), 2), [[1, 2], [5, 9]]);
+        // A number that somebody wrote into the file holds nobody up.
+        let forged = i64::MAX.unsigned_abs();
+        account.sealed = forged;
+        assert_eq!(account.gaps(&[1, 2, forged], Some(1), 64), [[3, forged - 1]]);
+        account.sealed = 10;
         assert_eq!(account.gaps(&[], None, 64), [[1, 10]]);
         account.prune(4);
         assert_eq!(account.gaps(&[3, 8, 10], Some(3), 64), [[5, 7], [9, 9]]);

@@ -108,7 +108,15 @@ pub(crate) fn prepare(witness: &str, head: &Checkpoint) -> Result<(), StoreError
 fn put(folder: &Path, head: &Checkpoint) -> Result<(), StoreError> {
     let text =
         serde_json::to_string(head).map_err(|error| StoreError::invalid("checkpoint", head.seq, error))?;
-    write_atomically(&folder.join(checkpoint::name(head.seq)), text.as_bytes())
+    let path = folder.join(checkpoint::name(head.seq));
+    // A testimony is never replaced by one that says otherwise.
+    if let Ok(there) = Checkpoint::read(&path)
+        && there.store_id == head.store_id
+        && there.head != head.head
+    {
+        return Err(StoreError::invalid("head of a witness", path.display(), "the head that it got before"));
+    }
+    write_atomically(&path, text.as_bytes())
 }
 
 /// The folders that get every checkpoint of a store, as its records say.
@@ -292,7 +300,12 @@ pub(crate) fn ask(
     };
     match found {
         Err(_) => Testimony::Silent(format!("it did not answer within {} s", READ_WAIT.as_secs())),
-        Ok(Err(problem)) => Testimony::Silent(problem),
+        Ok(Err(NoTestimony::Unreadable(problem))) => Testimony::Silent(problem),
+        Ok(Err(NoTestimony::OtherKey(file))) => {
+            let problem =
+                "it is of this store, and signed with another key than the store has now".to_owned();
+            Testimony::Against { file, problem }
+        }
         Ok(Ok(None)) => Testimony::Agrees,
         Ok(Ok(Some((file, head)))) => match check_copy(&head, (store_id, Some(key)), end, chain_at) {
             Ok(()) => Testimony::Agrees,
@@ -301,26 +314,39 @@ pub(crate) fn ask(
     }
 }
 
-/// The newest head in a folder that this store signed; what it did not sign proves nothing and is passed over.
+/// Why a witness has nothing to say of a chain.
+enum NoTestimony {
+    Unreadable(String),
+    /// All that it has of this store is signed with another key: the first such file.
+    OtherKey(String),
+}
+
+/// The newest head in a folder that this store signed; beside one, what it did not sign proves nothing and is passed over.
 fn newest_signed(
     folder: &Path,
     store_id: &str,
     key: &VerifyingKey,
-) -> Result<Option<(String, Checkpoint)>, String> {
-    let names = checkpoint::names(folder).map_err(|error| error.to_string())?;
+) -> Result<Option<(String, Checkpoint)>, NoTestimony> {
+    let names = checkpoint::names(folder).map_err(|error| NoTestimony::Unreadable(error.to_string()))?;
+    let mut other = None;
     for name in names.iter().rev().take(LOOKED_AT_MAX) {
         let path = folder.join(name);
         if let Ok(head) = Checkpoint::read(&path)
             && head.store_id == store_id
-            && head.is_signed_by(key)
         {
-            return Ok(Some((path.display().to_string(), head)));
+            if head.is_signed_by(key) {
+                return Ok(Some((path.display().to_string(), head)));
+            }
+            other.get_or_insert_with(|| path.display().to_string());
         }
     }
     if names.is_empty() {
         return Ok(None);
     }
-    Err("this store signed none of its newest files".to_owned())
+    match other {
+        Some(file) => Err(NoTestimony::OtherKey(file)),
+        None => Err(NoTestimony::Unreadable("this store signed none of its newest files".to_owned())),
+    }
 }
 
 /// Asks every witness, and notes those that are silent.
@@ -342,4 +368,38 @@ pub(crate) fn ask_all<'a>(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::ids::Digest;
+
+    #[test]
+    fn a_testimony_is_written_once_and_not_replaced_by_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let head = |text: &str| Checkpoint {
+            store_id: "a".repeat(32),
+            seq: 7,
+            at_ms: 0,
+            head: Digest::of_parts("test", &[text.as_bytes()]),
+            fold: None,
+            link: None,
+            root: None,
+            signature: "0".repeat(128),
+        };
+        put(folder.path(), &head("one")).unwrap();
+        let path = folder.path().join(checkpoint::name(7));
+        let testimony = fs::read(&path).unwrap();
+        put(folder.path(), &head("one")).unwrap();
+        let error = put(folder.path(), &head("other")).unwrap_err().to_string();
+        assert!(error.contains("the head that it got before"), "{error}");
+        assert_eq!(fs::read(&path).unwrap(), testimony);
+        // Nothing is written through a link that somebody put where the file is made.
+        let elsewhere = folder.path().join("elsewhere");
+        fs::write(&elsewhere, "mine").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, path.with_extension("part")).unwrap();
+        put(folder.path(), &head("one")).unwrap();
+        assert_eq!(fs::read_to_string(&elsewhere).unwrap(), "mine");
+    }
 }

@@ -13,6 +13,10 @@ use rustix::fs::OFlags;
 #[allow(clippy::cast_possible_wrap, reason = "a flag's bits, which the kernel takes as they are")]
 pub const AT_ONCE: i32 = OFlags::NONBLOCK.bits() as i32;
 
+/// With these flags a link at the end of a path is not followed, and a pipe not waited for.
+#[allow(clippy::cast_possible_wrap, reason = "flags' bits, which the kernel takes as they are")]
+pub const NO_LINK: i32 = OFlags::NOFOLLOW.union(OFlags::NONBLOCK).bits() as i32;
+
 /// Opens a regular file for reading. Links are followed.
 ///
 /// # Errors

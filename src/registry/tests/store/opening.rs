@@ -237,3 +237,22 @@ fn whoever_reads_beside_the_writer_takes_no_lock_from_it() {
         assert!(locks(&layout.telemetry()) > 0, "the telemetry's reader");
     }
 }
+
+/// The lock is written into: a link or a pipe in its place is refused, and what it points to stays as it is.
+#[test]
+fn the_lock_is_a_file_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path());
+    let (lock, key) = (folder.path().join("engine.lock"), folder.path().join("keys/store.key"));
+    let before = fs::read(&key).unwrap();
+    fs::remove_file(&lock).unwrap();
+    std::os::unix::fs::symlink(&key, &lock).unwrap();
+    let refused = || Store::open(folder.path()).map(drop).unwrap_err().to_string();
+    assert!(refused().contains("engine lock"), "{}", refused());
+    assert_eq!(fs::read(&key).unwrap(), before);
+    fs::remove_file(&lock).unwrap();
+    rustix::fs::mkfifoat(rustix::fs::CWD, &lock, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
+    assert!(refused().contains("no regular file"), "{}", refused());
+    fs::remove_file(&lock).unwrap();
+    drop(open(folder.path()));
+}

@@ -258,10 +258,11 @@ fn the_store_works_on_where_a_witness_cannot_be_written() {
     let start = store.opening().head.at_ms;
     assert_eq!(store.checkpoint_problem(), None);
     fs::rename(&place, &aside).unwrap();
-    let full = || {
+    // What is to be written has another thing in its way, which cannot be taken away.
+    let blocked = || {
         fs::create_dir(&place).unwrap();
         for seq in 0..4000 {
-            symlink("/dev/full", place.join(format!("{seq:012}.part"))).unwrap();
+            fs::create_dir(place.join(format!("{seq:012}.part"))).unwrap();
         }
     };
     type Break<'a> = (&'a str, &'a dyn Fn(), &'a str);
@@ -269,7 +270,7 @@ fn the_store_works_on_where_a_witness_cannot_be_written() {
         ("gone", &|| {}, "is not there"),
         ("a file", &|| fs::write(&place, "").unwrap(), "is not there"),
         ("read-only", &|| symlink("/proc", &place).unwrap(), "cannot create"),
-        ("full", &full, "No space left"),
+        ("blocked", &blocked, "directory"),
     ];
     for (number, (what, break_it, expected)) in (1..).zip(breaks) {
         break_it();
@@ -277,7 +278,7 @@ fn the_store_works_on_where_a_witness_cannot_be_written() {
         let problem = settled(&store, true).unwrap_or_else(|| panic!("{what} is not noticed"));
         assert!(problem.contains(&name) && problem.contains(expected), "{what}: {problem}");
         let looked = look_at_witness(&name, store.store_id());
-        assert_eq!(looked.is_ok(), what == "full" || what == "read-only", "{what}: {looked:?}");
+        assert_eq!(looked.is_ok(), what == "blocked" || what == "read-only", "{what}: {looked:?}");
         match fs::symlink_metadata(&place) {
             Ok(found) if found.is_dir() => fs::remove_dir_all(&place).unwrap(),
             Ok(_) => fs::remove_file(&place).unwrap(),
@@ -364,4 +365,24 @@ fn witnesses_are_on_record_and_nowhere_else() {
     crate::damage::rewrite(folder.path(), &edit);
     verify(&database, None).unwrap_err();
     unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
+}
+
+/// Whoever puts a key of their own in place of the store's, and signs the history anew, is refused by what a witness has.
+#[test]
+fn another_key_is_refused_by_the_witness() {
+    let folder = quick_folder();
+    made(folder.path());
+    let (witness, _) = witnessed(folder.path());
+    drop(open(folder.path()));
+    let head = heads(folder.path()).pop().unwrap().1;
+    let sent = witness.path().join(&head.store_id).join(format!("{:012}.json", head.seq));
+    let testimony = fs::read(&sent).unwrap();
+    // The same head by another key: what lies at the witness is not this store's any more.
+    let mut text: serde_json::Value = serde_json::from_slice(&testimony).unwrap();
+    text["signature"] = serde_json::Value::from("0".repeat(128));
+    for file in fs::read_dir(sent.parent().unwrap()).unwrap() {
+        fs::write(file.unwrap().path(), text.to_string()).unwrap();
+    }
+    let error = unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err().to_string();
+    assert!(error.contains("another key than the store has now"), "{error}");
 }
