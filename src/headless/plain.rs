@@ -155,8 +155,7 @@ impl PlainStream<'_> {
             // The demonstration is nobody, and signs nothing.
             Reply::Refused { code: Refusal::NotAllowed, text, .. } => {
                 return Err(CliError::usage(text).with_hint(
-                    "`holdpoint demo` runs under sim; `:demo` in the console is signed by who sits there, and `holdpoint \
-                     candidate register DIR --as NAME` by NAME",
+                    "`holdpoint demo` runs under sim; in the console, `:demo` is signed by who sits there",
                 ));
             }
             Reply::Refused { text, hint, .. } => return Err(CliError::usage(Problem::from((text, hint)))),

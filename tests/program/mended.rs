@@ -74,7 +74,7 @@ fn a_rejected_version_set_active_by_sql_is_nowhere_shown_active() {
     assert!(code == 0 && said.starts_with("sound: 323 records"), "{said}");
     let (_, said) = ended(&folder, &["audit", "list", "--kind", "store-rebuilt", "--json"]);
     assert!(said.contains("\\\"uid\\\"") && said.contains("grasp@1.2.0"), "{said}");
-    let (code, said) = ended(&folder, &["pause", "place", "--as", "omar", "--reason", "the tray is away"]);
+    let (code, said) = ended(&folder, &["rollback", "grasp", "--as", "omar", "--reason", "it is worse"]);
     assert_eq!(code, 0, "{said}");
     let (_, said) = ended(&folder, &["store", "rebuild", "--from-chain", "--json"]);
     assert_eq!(said.trim(), "{\"rebuilt\":null}");
