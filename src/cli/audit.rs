@@ -87,7 +87,7 @@ Examples:
   holdpoint audit witness add /mnt/witness
   holdpoint audit witness list")]
     Witness(WitnessArgs),
-    /// Writes the records as JSON lines.
+    /// Writes the records as JSON lines, if they are what was signed.
     #[command(after_help = "\
 Example:
   holdpoint audit export --from 100 --out audit.jsonl")]
@@ -95,6 +95,9 @@ Example:
         /// From this record on.
         #[arg(long, value_name = "SEQ", default_value_t = 1)]
         from: u64,
+        /// Also where they are not what was signed: as they lie there, for whoever looks into a damaged store.
+        #[arg(long)]
+        unchecked: bool,
         /// A new file [default: the standard output].
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
@@ -123,11 +126,11 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
         AuditVerb::Consistency(args) => return proof::consistency(context, args, out),
         AuditVerb::CheckProof(args) => return proof::check(context, args, out),
         AuditVerb::Witness(args) => return witness::run(context, args, out),
-        AuditVerb::Export { from, out: None } => {
-            export_to(&data::open(&context.data)?, *from, out.sink())?;
+        AuditVerb::Export { from, unchecked, out: None } => {
+            export_to(&records_of(context, *unchecked)?, *from, out.sink())?;
         }
-        AuditVerb::Export { from, out: Some(path) } => {
-            let views = data::open(&context.data)?;
+        AuditVerb::Export { from, unchecked, out: Some(path) } => {
+            let views = records_of(context, *unchecked)?;
             let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {path:?}: {error}"));
             let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(cannot)?;
             let records = export_to(&views, *from, &mut file)?;
@@ -139,6 +142,18 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
         }
     }
     Ok(Exit::Confirmed)
+}
+
+/// Where records are read from to be written out.
+fn records_of(context: &CliContext, unchecked: bool) -> Result<Views, CliError> {
+    if unchecked {
+        return data::open(&context.data);
+    }
+    data::open_records(&context.data).map_err(|error| {
+        error.with_hint(
+            "`holdpoint audit verify` says what is wrong; --unchecked writes the records as they lie there",
+        )
+    })
 }
 
 fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(), CliError> {

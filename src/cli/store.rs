@@ -16,7 +16,8 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_engine::caller;
 use holdpoint_registry::{
-    BackupParts, Layout, Rebuilt, StoreInfo, backup, check_store, export_store, rebuild, store_info,
+    BackupParts, Exporting, Layout, Rebuilt, StoreInfo, UnsignedRecords, backup, check_store, export_store,
+    rebuild, store_info,
 };
 use serde_json::json;
 
@@ -48,6 +49,9 @@ Example:
         /// From the audit log, which has to be whole: there is no other source.
         #[arg(long, required = true)]
         from_chain: bool,
+        /// With records at its end that nobody signed; without this, they are named and nothing is changed.
+        #[arg(long)]
+        take_unsigned: bool,
     },
     /// Copies the store, also while an engine works on it; the copy is verified, and there whole or not at all.
     #[command(after_help = "\
@@ -87,6 +91,9 @@ Example:
 Example:
   holdpoint store export store.jsonl")]
     Export {
+        /// Also where its records are not what was signed: as they lie there, for whoever looks into a damaged store.
+        #[arg(long)]
+        unchecked: bool,
         /// A new file.
         #[arg(value_name = "FILE")]
         file: PathBuf,
@@ -99,12 +106,13 @@ Example:
 /// [`CliError`]; the store is as it was then.
 pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match &args.verb {
-        StoreVerb::Rebuild { from_chain: _ } => {
+        StoreVerb::Rebuild { from_chain: _, take_unsigned } => {
             data::database(&context.data)?;
             let by = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
             let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
             let wall_ms = since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0);
-            let rebuilt = rebuild(&context.data, &by, wall_ms).map_err(CliError::usage)?;
+            let unsigned = if *take_unsigned { UnsignedRecords::Take } else { UnsignedRecords::Refuse };
+            let rebuilt = rebuild(&context.data, unsigned, &by, wall_ms).map_err(CliError::usage)?;
             out.answer(&serde_json::json!({ "rebuilt": rebuilt }), |out| tell(rebuilt.as_ref(), out))?;
             Ok(Exit::Confirmed)
         }
@@ -142,13 +150,14 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
             out.answer(&info, |out| told(&info, out))?;
             Ok(Exit::Confirmed)
         }
-        StoreVerb::Export { file } => {
+        StoreVerb::Export { unchecked, file } => {
+            let exporting = if *unchecked { Exporting::Unchecked } else { Exporting::Signed };
             let database = data::database(&context.data)?;
             let key = keyfile::read_public(&Layout::new(&context.data).store_public_key()).ok();
             let cannot = |error: std::io::Error| CliError::usage(format!("cannot write {file:?}: {error}"));
             let made = OpenOptions::new().write(true).create_new(true).open(file).map_err(cannot)?;
             let mut writer = BufWriter::new(made);
-            let records = export_store(&database, key.as_ref().map(|(key, _)| key), &mut writer);
+            let records = export_store(&database, exporting, key.as_ref().map(|(key, _)| key), &mut writer);
             let records = records.map_err(CliError::usage)?;
             writer.flush().and_then(|()| writer.get_ref().sync_all()).map_err(cannot)?;
             out.answer(&json!({ "records": records, "file": file.display().to_string() }), |out| {
@@ -195,6 +204,13 @@ fn tell(rebuilt: Option<&Rebuilt>, out: &mut Output<'_>) -> Result<(), CliError>
     };
     out.line(&format!("rebuilt from {} records; the damaged file is {}", rebuilt.from_seq, rebuilt.kept_as))?;
     out.line(&format!("first found: {}", rebuilt.problem))?;
+    if rebuilt.unsigned > 0 {
+        out.line(&format!(
+            "taken   {} to {} although nobody had signed them: nothing speaks for these records",
+            (rebuilt.from_seq + 1).saturating_sub(rebuilt.unsigned),
+            rebuilt.from_seq
+        ))?;
+    }
     for row in &rebuilt.differed {
         let columns =
             if row.columns.is_empty() { String::new() } else { format!(" ({})", row.columns.join(", ")) };

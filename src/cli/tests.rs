@@ -346,7 +346,7 @@ fn a_history_is_proved_copied_witnessed_and_looked_at() {
     small_store(std::path::Path::new(&other));
     let other_key = path("other/keys/store.pub");
     let told = said(&["audit", "check-proof", &proof, "--public-key", &other_key], Exit::Rejected);
-    assert!(told.contains("is not signed with this key"), "{told}");
+    assert!(told.contains("does not sign with this key"), "{told}");
     assert!(said(&["audit", "check-proof", &key], Exit::Usage).contains("is no proof"));
     assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains(&witness));
     assert!(said(&["audit", "witness", "add", "https://a/b"], Exit::Usage).contains("no network"));
@@ -364,12 +364,23 @@ fn a_history_is_proved_copied_witnessed_and_looked_at() {
     }
     assert!(said(&["audit", "verify", "--file", &lines], Exit::Confirmed).contains("the file names itself"));
     let told = said(&["audit", "verify", "--file", &lines, "--key", &other_key], Exit::Rejected);
-    assert!(told.contains("does not match the public key"), "{told}");
+    assert!(told.contains("another public key"), "{told}");
     assert!(said(&["store", "check"], Exit::Confirmed).contains("none is missing"));
     let info: serde_json::Value =
         serde_json::from_str(&said(&["store", "info", "--json"], Exit::Confirmed)).unwrap();
     assert_eq!((&info["records"], &info["signed_at"]), (&10.into(), &10.into()));
     said(&["audit", "witness", "remove", &witness], Exit::Confirmed);
+    // Without a key nothing is called sound; a copy says what was not looked at.
+    let alone = path("alone.db");
+    said(&["store", "backup", &alone], Exit::Confirmed);
+    let told = said(&["audit", "verify", "--file", &alone], Exit::Confirmed);
+    assert!(told.starts_with("sound but for its signatures"), "{told}");
+    let kept = path("kept.pub");
+    std::fs::rename(&key, &kept).unwrap();
+    let told = said(&["audit", "verify"], Exit::Rejected);
+    assert!(told.starts_with("not sound: the store's public key"), "{told}");
+    assert!(said(&["audit", "verify", "--key", &kept], Exit::Confirmed).starts_with("sound: "));
+    std::fs::rename(&kept, &key).unwrap();
     assert!(said(&["audit", "witness", "list"], Exit::Confirmed).contains("no witnesses"));
     let told = said(&["audit", "verify", "--file", &lines, "--key", &key, "--json"], Exit::Confirmed);
     assert!(told.contains("\"sound\":true"), "{told}");

@@ -13,8 +13,8 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_recordings::record::FileCheck;
 use holdpoint_registry::{
-    ExportReport, JudgedBy, Layout, MissingBatches, VerifyError, VerifyReport, is_exported, verify_against,
-    verify_export,
+    ExportReport, JudgedBy, Layout, MissingBatches, Place, VerifyError, VerifyReport, is_exported,
+    verify_against, verify_export,
 };
 
 /// The most copies that are named at once.
@@ -67,8 +67,17 @@ pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>)
     }
     let bar = LateBar::new();
     let tell = |what: &'static str, done: u64, total: u64| bar.tell(what, done, total);
-    let asked = args.file.is_none();
-    let judged = JudgedBy { key: key.as_ref(), against: &args.against, witnesses: asked, tell: &tell };
+    let place = if args.file.is_some() { Place::Copy } else { Place::Store };
+    if place == Place::Store && key.is_none() {
+        // A history that anybody could have written anew is not called sound.
+        let problem = format!(
+            "the store's public key {:?} is missing, so that no signature can be checked; put it back from a backup, or \
+             name one that was kept elsewhere with --key",
+            layout.store_public_key()
+        );
+        return not_sound(&problem, None, out);
+    }
+    let judged = JudgedBy { key: key.as_ref(), against: &args.against, place, tell: &tell };
     let found = verify_against(&database, &judged);
     if !args.all || found.is_err() {
         drop(bar);
@@ -145,15 +154,23 @@ fn not_sound(problem: &str, record: Option<u64>, out: &mut Output<'_>) -> Result
 }
 
 fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
-    out.line(&format!("sound: {} records, head {}", report.records, report.head))?;
-    let signatures =
-        if report.key_given { "signatures checked" } else { "signatures not checked: no public key" };
+    let (unless, signatures) = if report.key_given {
+        ("", "signatures checked")
+    } else {
+        (" but for its signatures, which were not checked", "no public key: name one with --key")
+    };
+    out.line(&format!("sound{unless}: {} records, head {}", report.records, report.head))?;
     out.line(&format!("checkpoints        {} ({signatures})", report.checkpoints))?;
     if report.copies > 0 {
         out.line(&format!("heads elsewhere    {} of this chain", report.copies))?;
     }
     for silent in &report.witnesses_silent {
-        out.line(&format!("not asked          {silent}"))?;
+        out.line(&format!("no testimony       {silent}"))?;
+    }
+    for (first, last) in &report.taken_unsigned {
+        out.line(&format!(
+            "signed by nobody   {first} to {last}, until a rebuild took them: nothing speaks for these records"
+        ))?;
     }
     out.line(&format!("approvals          {}", report.approvals))?;
     out.line(&format!(

@@ -19,7 +19,7 @@ use super::migrate::{STORE, TELEMETRY};
 use super::open::{copy_into, damaged, open_reader, remove_database};
 use super::signed;
 use super::unsound::VerifyError;
-use super::verify::{JudgedBy, VerifyReport, verify_against};
+use super::verify::{JudgedBy, Place, VerifyReport, verify_against};
 use holdpoint_approvals::keyfile;
 use holdpoint_text::Hint;
 use std::borrow::Cow;
@@ -114,7 +114,7 @@ fn remove(path: &Path) -> Result<(), StoreError> {
 
 fn make(layout: &Layout, part: &Path, to: &Path, parts: BackupParts) -> Result<BackupReport, BackupError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
-    let judged = JudgedBy { key: key.as_ref(), against: &[], witnesses: false, tell: &|_, _, _| {} };
+    let judged = JudgedBy { key: key.as_ref(), against: &[], place: Place::Copy, tell: &|_, _, _| {} };
     let alone = to.extension().is_some_and(|ending| ending == "db");
     let database = if alone { part.to_owned() } else { copy_folder(layout, part, parts)? };
     if alone {

@@ -14,13 +14,14 @@ use super::fold::{ChainFault, Fold, FoldError, ReadingWatch};
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
-use super::open::{against, damaged, not_the_chain, open_reader, quick_check, unsigned};
+use super::open::{against, damaged, foreign_key, not_the_chain, open_reader, quick_check, unsigned};
 use super::people;
 use super::replay::columns_otherwise;
 use super::rows::ChainedTable;
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
 use super::snapshot;
+use super::store_id;
 use super::structure;
 use super::witness::{self, Problems};
 use holdpoint_approvals::keyfile;
@@ -41,9 +42,12 @@ pub(crate) fn check_existing(
 ) -> Result<Fold, StoreError> {
     let database = layout.database();
     let connection = open_reader(&database, &STORE)?;
-    let store_id = store_id(&connection, &database)?;
+    let store_id = store_id::read(&connection, &database)?;
     let known = snapshot::read(&layout.checkpoints(), &connection, &store_id, key);
     let fold = checked_chain(&connection, &database, known, watch)?;
+    if fold.end().seq > 0 {
+        check_key(&store_id, key, &database)?;
+    }
     let kept = kept_checkpoints(layout)?;
     check_newest_checkpoint(&fold, layout, &kept, (&store_id, key))?;
     check_signed(&fold, &connection, layout, &kept, (&store_id, key))?;
@@ -65,20 +69,36 @@ fn chain_at(fold: &Fold, connection: &Connection, seq: u64) -> Option<ChainAt> {
     Some(ChainAt { hash, root })
 }
 
-/// Opens a store for somebody who shows what its tables hold or takes decisions by it; they are what its chain says.
+/// How much of a store is held against its signatures before somebody reads it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reading {
+    /// Every row, and the records since the newest snapshot: enough for what the tables hold.
+    Rows,
+    /// Every row and every record: for what is counted from the records.
+    Whole,
+    /// Every record: for what writes the records out.
+    Records,
+}
+
+/// Opens a store for somebody who shows what it holds or takes decisions by it; that is what its signed chain says.
 ///
 /// # Errors
-/// [`StoreError::Refused`] if they are not, or if it cannot be opened.
-pub(crate) fn open_checked(database: &Path) -> Result<Connection, StoreError> {
+/// [`StoreError::Refused`] if it is not, or if it cannot be opened.
+pub(crate) fn open_checked(database: &Path, reading: Reading) -> Result<Connection, StoreError> {
     let connection = open_reader(database, &STORE)?;
     let begin = |sql| connection.execute_batch(sql).map_err(StoreError::sql("read the registry"));
     // One moment of the store: an engine may be writing to it.
     begin("BEGIN")?;
-    let store_id = store_id(&connection, database)?;
+    let store_id = store_id::read(&connection, database)?;
     let layout = Layout::new(database.parent().unwrap_or(Path::new(".")));
     let key = keyfile::read_public(&layout.store_public_key()).ok();
     let key = key.map(|(key, _)| key);
-    let known = key.and_then(|key| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
+    if let Some(key) = &key {
+        check_key(&store_id, key, database)?;
+    }
+    let known = key
+        .filter(|_| reading == Reading::Rows)
+        .and_then(|key| snapshot::read(&layout.checkpoints(), &connection, &store_id, &key));
     let fold = checked_chain(&connection, database, known, &mut |_| ())?;
     // An engine may be writing checkpoints: which there have to be is for its start and for `verify`.
     if layout.store_public_key().is_file() {
@@ -86,7 +106,9 @@ pub(crate) fn open_checked(database: &Path) -> Result<Connection, StoreError> {
         signed::check_end(&fold, &connection, &kept, (&store_id, key.as_ref()))
             .map_err(|found| refused_unsigned(database, found))?;
     }
-    check_tables(&fold, &connection, database, &store_id)?;
+    if reading != Reading::Records {
+        check_tables(&fold, &connection, database, &store_id)?;
+    }
     begin("COMMIT")?;
     Ok(connection)
 }
@@ -214,9 +236,7 @@ fn refused_unsigned(database: &Path, found: Unsigned) -> StoreError {
     }
 }
 
-/// The store's id, made with the store.
-pub(crate) fn store_id(connection: &Connection, database: &Path) -> Result<String, StoreError> {
-    connection
-        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
-        .map_err(|error| not_the_chain(database, &format!("its id cannot be read: {error}")))
+/// The key is the one that the store was made with, as far as its id says.
+pub(crate) fn check_key(store_id: &str, key: &VerifyingKey, database: &Path) -> Result<(), StoreError> {
+    store_id::check_key(store_id, key).map_err(|problem| foreign_key(database, &problem))
 }

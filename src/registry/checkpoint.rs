@@ -237,8 +237,10 @@ pub(crate) fn read_all(folder: &Path) -> Result<Vec<Kept>, BadFile> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let listed = names(folder)
+    let mut listed = names(folder)
         .map_err(|error| BadFile { file: folder.display().to_string(), problem: error.to_string() })?;
+    // A file under another name is none of this program's, and none is missed for it.
+    listed.retain(|file| file.trim_end_matches(".json").bytes().all(|byte| byte.is_ascii_digit()));
     let read = |file: String| match Checkpoint::read(&folder.join(&file)) {
         Ok(checkpoint) if name(checkpoint.seq) == file => Ok(Kept { file, checkpoint }),
         Ok(checkpoint) => Err(BadFile { problem: format!("it is of record {}", checkpoint.seq), file }),

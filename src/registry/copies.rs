@@ -69,6 +69,25 @@ fn read_folder(folder: &Path) -> Result<Vec<HeldCopy>, BadFile> {
     newest.iter().map(|name| read_one(&folder.join(name))).collect()
 }
 
+/// The heads in the files of a witness, the newest that many, and what lies among them that is none.
+pub(crate) fn read_witness(folder: &Path) -> Result<(Vec<HeldCopy>, Vec<BadFile>), BadFile> {
+    let listed = names(folder)
+        .map_err(|error| BadFile { file: folder.display().to_string(), problem: error.to_string() })?;
+    let newest = listed.get(listed.len().saturating_sub(HEADS_MAX)..).unwrap_or_default();
+    let (mut heads, mut strays) = (Vec::new(), Vec::new());
+    for name in newest {
+        match read_one(&folder.join(name)) {
+            Ok(head) => heads.push(head),
+            Err(stray) => strays.push(stray),
+        }
+    }
+    if heads.is_empty() {
+        let problem = "it holds no signed head, although it got one when it was added".to_owned();
+        strays.push(BadFile { file: folder.display().to_string(), problem });
+    }
+    Ok((heads, strays))
+}
+
 fn read_one(path: &Path) -> Result<HeldCopy, BadFile> {
     let file = path.display().to_string();
     match Checkpoint::read(path) {

@@ -114,6 +114,7 @@ impl Hint for StoreError {
             Self::DiskFull { .. } => Some("free some space and retry".into()),
             Self::Stale { .. } => Some("look at it again and decide again".into()),
             Self::Key { source, .. } => source.hint(),
+            Self::Approval { .. } => Some("a backup has it as it was given; without one it cannot be had again".into()),
             Self::Unknown => Some("restart and retry it".into()),
             Self::Altered(_) => Some(
                 "end the engine; `holdpoint store rebuild --from-chain` then makes the tables anew from the audit chain"
@@ -128,7 +129,6 @@ impl Hint for StoreError {
             | Self::Sqlite { .. }
             | Self::NotFound { .. }
             | Self::Exists { .. }
-            | Self::Approval { .. }
             | Self::Person { .. }
             | Self::CommandReused(_)
             | Self::Invariant(_)

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::audit::{self, ExportError, Head, ascii_json};
 use super::change::Change;
+use super::check::{Reading, open_checked};
 use super::checkpoint::{Checkpoint, Kept, check_links, check_newest, read_all};
 use super::compare::is_lost;
 use super::error::StoreError;
@@ -22,6 +23,7 @@ use super::merkle::Frontier;
 use super::migrate::STORE;
 use super::open::open_reader;
 use super::signed;
+use super::store_id;
 use super::unsound::VerifyError;
 use holdpoint_approvals::keyfile::hex;
 use holdpoint_approvals::{PersonActKind, PersonState, Persons, SignedApproval, SignedPersonAct, keyfile};
@@ -114,17 +116,31 @@ pub(crate) fn until(mut kept: Vec<Kept>, end: Option<&Checkpoint>, last: u64) ->
     kept
 }
 
+/// Which history is written out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exporting {
+    /// One whose records are what was signed; another is refused.
+    Signed,
+    /// Whatever lies there.
+    Unchecked,
+}
+
 /// Writes a store's whole history and returns how many records it has.
 ///
 /// # Errors
-/// If the store cannot be read, or the file not written.
+/// If the store cannot be read, is not what was signed, or the file cannot be written.
 pub fn export_store(
     database: &Path,
+    exporting: Exporting,
     public_key: Option<&VerifyingKey>,
     out: &mut dyn Write,
 ) -> Result<u64, ExportError> {
     let other = |error: StoreError| ExportError::Store(Box::new(error));
-    let connection = open_reader(database, &STORE).map_err(other)?;
+    let connection = match exporting {
+        Exporting::Signed => open_checked(database, Reading::Records),
+        Exporting::Unchecked => open_reader(database, &STORE),
+    };
+    let connection = connection.map_err(other)?;
     connection.execute_batch("BEGIN")?;
     let head = audit::head(&connection)?;
     let store_id: String =
@@ -166,6 +182,9 @@ fn approvals(connection: &Connection) -> rusqlite::Result<Vec<String>> {
     texts.filter(|text| text.as_ref().map_or(true, |text| !is_lost(text))).collect()
 }
 
+/// How an exported file begins.
+const START_OF_FILE: &[u8; 10] = b"{\"export\":";
+
 /// Reads the lines of an exported file.
 struct ExportLines {
     reader: BufReader<File>,
@@ -186,6 +205,9 @@ impl ExportLines {
         if line.len() as u64 > LINE_BYTES_MAX {
             return Err(bad(format!("it has more than {LINE_BYTES_MAX} bytes")));
         }
+        if number == 1 && !line.starts_with(START_OF_FILE) {
+            return Err(bad("it is not the first of an exported store".to_owned()));
+        }
         if line.last() != Some(&b'\n') {
             return Err(bad("the file is cut short in it".to_owned()));
         }
@@ -196,9 +218,9 @@ impl ExportLines {
 /// Whether a file begins as an exported one does.
 #[must_use]
 pub fn is_exported(path: &Path) -> bool {
-    let mut start = [0; 10];
+    let mut start = [0; START_OF_FILE.len()];
     let read = File::open(path).and_then(|mut file| file.read_exact(&mut start));
-    read.is_ok() && &start == b"{\"export\":"
+    read.is_ok() && start == *START_OF_FILE
 }
 
 /// Verifies an exported file.
@@ -223,10 +245,18 @@ pub fn verify_export(path: &Path, key: Option<&VerifyingKey>) -> Result<ExportRe
                 .ok_or_else(|| VerifyError::Line { line: 1, problem: "its public key is none".to_owned() })?,
         ),
     };
+    if let (Some(key), Some(named)) = (key, &named)
+        && key != named
+    {
+        let problem = "it names another public key than the one that was given".to_owned();
+        return Err(VerifyError::Line { line: 1, problem });
+    }
     let Some(checked_with) = key.or(named.as_ref()) else {
         let problem = "it names no public key, and none was given".to_owned();
         return Err(VerifyError::Line { line: 1, problem });
     };
+    store_id::check_key(&header.store_id, checked_with)
+        .map_err(|problem| VerifyError::Line { line: 1, problem })?;
     let mut exported = Exported::of(&header.store_id);
     while let Some(line) = lines.next()? {
         exported.take(line, lines.number)?;

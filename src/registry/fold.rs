@@ -108,6 +108,8 @@ pub(crate) struct Fold {
     /// Sizes of the tree whose roots are wanted, and those roots.
     noted: BTreeSet<u64>,
     roots: BTreeMap<u64, Digest>,
+    /// First and last of those that nobody had signed when a rebuild took them, of the records that were read.
+    taken_unsigned: Vec<(u64, u64)>,
     /// Of the records that were read.
     pub(crate) batches: Vec<SealedBatch>,
     telemetry: TelemetryAccount,
@@ -171,6 +173,13 @@ struct TelemetryMissed {
     gaps: Vec<[u64; 2]>,
 }
 
+#[derive(Deserialize)]
+struct StoreRebuilt {
+    from_seq: u64,
+    #[serde(default)]
+    unsigned: u64,
+}
+
 impl Fold {
     /// The fold of no records.
     pub(crate) fn empty() -> Self {
@@ -187,6 +196,7 @@ impl Fold {
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
             indexes: IndexSums::default(),
+            taken_unsigned: Vec::new(),
             batches: Vec::new(),
             telemetry: TelemetryAccount::none(),
         }
@@ -285,6 +295,11 @@ impl Fold {
         &self.witnesses
     }
 
+    /// First and last of the records that nobody had signed when a rebuild took them.
+    pub(crate) fn taken_unsigned(&self) -> &[(u64, u64)] {
+        &self.taken_unsigned
+    }
+
     /// The chain ends where the store says.
     pub(crate) fn check_end(&self, connection: &Connection) -> Result<(), FoldError> {
         let end = head(connection)?;
@@ -344,6 +359,7 @@ impl Fold {
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
             indexes: IndexSums::default(),
+            taken_unsigned: Vec::new(),
             batches: Vec::new(),
             telemetry,
         }
@@ -465,6 +481,14 @@ impl Fold {
             RecordKind::TelemetryMissed => {
                 let RecordBody::<TelemetryMissed> { change: missed, rows } = body(seq, text)?;
                 self.telemetry.miss(&missed.gaps);
+                rows
+            }
+            RecordKind::StoreRebuilt => {
+                let RecordBody::<StoreRebuilt> { change: rebuilt, rows } = body(seq, text)?;
+                if rebuilt.unsigned > 0 {
+                    let first = (rebuilt.from_seq + 1).saturating_sub(rebuilt.unsigned);
+                    self.taken_unsigned.push((first, rebuilt.from_seq));
+                }
                 rows
             }
             _ => body::<IgnoredAny>(seq, text)?.rows,

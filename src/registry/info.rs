@@ -85,7 +85,7 @@ pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
     }
     let free = rustix::fs::statvfs(folder).map_err(|error| StoreError::io("read", folder)(error.into()))?;
     Ok(StoreInfo {
-        store_id: super::check::store_id(&connection, &layout.database())?,
+        store_id: super::store_id::read(&connection, &layout.database())?,
         schema: one("PRAGMA user_version")?,
         schema_newest: STORE.newest() as u64,
         records: head.seq,
@@ -195,8 +195,8 @@ fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> Looked {
                     "An earlier version signed the audit chain by checkpoints alone; the next engine signs its end.",
                 ),
                 Some(kept) => bad(format!(
-                    "An earlier version signed the audit chain up to record {}; `holdpoint store rebuild --from-chain` \
-                     takes what comes after as it is.",
+                    "An earlier version signed the audit chain up to record {}, and nobody what comes after: \
+                     `holdpoint store rebuild --from-chain` names it.",
                     kept.checkpoint.seq
                 )),
                 None => bad("Nobody signed where the audit chain ends."),

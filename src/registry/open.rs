@@ -26,11 +26,20 @@ const HINT_DAMAGED: &str = "restore the folder from a backup, or choose another 
 /// What helps where the chain is whole and something else is not.
 pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` makes the tables anew from the audit chain and keeps this file beside them";
 /// What helps where the chain is whole and its checkpoints are not.
-pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; `holdpoint store rebuild --from-chain` takes the chain as it is, on record";
+pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; without one, `holdpoint store rebuild --from-chain` goes on without them, on record, and names the records that nobody signed";
+/// What helps where a rebuild would take records that nobody signed.
+pub(crate) const HINT_TAKE_UNSIGNED: &str = "whoever can write the folder can have written them: restore a backup, or look at them with `holdpoint audit list` and take them, on record, with --take-unsigned";
 /// What helps where somebody else has a newer head of the chain, or another one.
 const HINT_WITNESS: &str = "put the newer store back; if its records are lost for good, move the witness's files of this store elsewhere and start again";
+/// What helps where the store's key is another one than it was made with.
+pub(crate) const HINT_FOREIGN_KEY: &str =
+    "put the key that the store was made with back into keys/, from a backup";
+/// What helps where the two files of the store's key are of two keys.
+const HINT_TWO_KEYS: &str =
+    "put both files back from a backup; if store.key is the right one, take this file away: it is made anew";
 /// What helps with a file that is not ours.
-const HINT_FOREIGN: &str = "choose another folder with --data";
+const HINT_FOREIGN: &str =
+    "choose another folder with --data; if a store was here, its file is damaged: restore it from a backup";
 
 /// How hard a database is forced to disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -361,6 +370,21 @@ pub(crate) fn not_the_chain(path: &Path, problem: &str) -> StoreError {
 /// A file whose chain is whole, but not signed, or not with all of its checkpoints.
 pub(crate) fn unsigned(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_UNSIGNED)
+}
+
+/// A public key that is not of the secret one beside it.
+pub(crate) fn other_public_key(path: &Path) -> StoreError {
+    refused(path, "it is not of the secret key store.key beside it", HINT_TWO_KEYS)
+}
+
+/// A chain that a rebuild does not take as it is unless it is told to.
+pub(crate) fn unsigned_records_refused(path: &Path, problem: &str) -> StoreError {
+    refused(path, problem, HINT_TAKE_UNSIGNED)
+}
+
+/// A store beside which lies another key than it was made with.
+pub(crate) fn foreign_key(path: &Path, problem: &str) -> StoreError {
+    refused(path, problem, HINT_FOREIGN_KEY)
 }
 
 fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {

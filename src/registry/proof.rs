@@ -19,6 +19,7 @@ use super::merkle;
 use super::migrate::STORE;
 use super::open::open_reader;
 use super::signed;
+use super::store_id;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::words::Word;
@@ -254,15 +255,15 @@ impl Proof {
         fs::File::open(path)
             .and_then(|file| file.take(BYTES_MAX).read_to_string(&mut text))
             .map_err(|error| no_proof(&error.to_string()))?;
-        Self::parse(&text).map_err(|problem| no_proof(&problem))
+        let line = text.strip_suffix('\n').ok_or_else(|| no_proof("it does not end with a line feed"))?;
+        Self::parse(line).map_err(|problem| no_proof(&problem))
     }
 
-    /// Reads a proof from its text.
+    /// Reads a proof from its text, one line without its end.
     ///
     /// # Errors
     /// What is wrong with it.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let text = text.strip_suffix('\n').unwrap_or(text);
         let proof: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
         if proof.text().map_err(|error| error.to_string())? != text {
             return Err("it is not as it was written".to_owned());
@@ -293,6 +294,7 @@ impl Proof {
     /// [`ProofError::Wrong`].
     pub fn check(&self, key: &VerifyingKey) -> Result<(), ProofError> {
         for head in self.heads() {
+            store_id::check_key(&head.store_id, key).map_err(ProofError::Wrong)?;
             if !head.is_signed_by(key) {
                 let problem = format!("the head at record {} is not signed with this key", head.seq);
                 return Err(ProofError::Wrong(problem));

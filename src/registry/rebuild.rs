@@ -20,7 +20,8 @@ use serde_json::{Value, json};
 use super::audit::{self, Head};
 use super::change::Receipt;
 use super::check::{
-    check_newest_checkpoint, check_signed, check_tables, checked_records, kept_checkpoints, refused_chain,
+    check_key, check_newest_checkpoint, check_signed, check_tables, checked_records, kept_checkpoints,
+    refused_chain,
 };
 use super::checkpoint::{Checkpoint, Kept, Link, check_links, check_newest, count_earlier};
 use super::compare::{compare, differing};
@@ -30,7 +31,10 @@ use super::layout::{EngineLock, Layout, sync_folder};
 use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
 use super::merkle::Frontier;
 use super::migrate::STORE;
-use super::open::{HINT_REBUILD, HINT_UNSIGNED, damaged, make, open_reader, remove_database, truncate_log};
+use super::open::{
+    HINT_REBUILD, HINT_UNSIGNED, damaged, make, open_reader, remove_database, truncate_log,
+    unsigned_records_refused,
+};
 use super::replay::{NotApplied, replay};
 use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
 use super::signed;
@@ -38,15 +42,31 @@ use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
 
+/// Records that nobody signed and a refusal names.
+const UNSIGNED_NAMED_MAX: usize = 8;
 /// How the name of a command begins whose row was lost.
 const LOST_COMMAND: &str = "rebuilt";
+
+/// What a rebuild does with records at the end that nobody signed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UnsignedRecords {
+    /// Refuses, and names them.
+    Refuse,
+    /// Takes them as they are; that nobody had signed them is on record from then on.
+    Take,
+}
 
 /// Makes the tables of a store anew from its chain. `by` is who asked for it as the system says, JSON text. Tells what
 /// it did; `None` if there was nothing to mend, and nothing was done.
 ///
 /// # Errors
 /// [`StoreError`] if an engine has the store, its chain is not whole, or a row cannot be rebuilt; nothing was changed.
-pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>, StoreError> {
+pub fn rebuild(
+    folder: &Path,
+    unsigned_records: UnsignedRecords,
+    by: &str,
+    wall_ms: i64,
+) -> Result<Option<Rebuilt>, StoreError> {
     let layout = Layout::new(folder);
     let database = layout.database();
     fs::symlink_metadata(&database).map_err(StoreError::io("read", &database))?;
@@ -60,9 +80,10 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     let kept = kept_checkpoints(&layout)?;
     let store_id = match kept.last() {
         Some(Kept { checkpoint, .. }) => checkpoint.store_id.clone(),
-        None => super::check::store_id(&damaged_store, &database)?,
+        None => super::store_id::read(&damaged_store, &database)?,
     };
     let by = (store_id.as_str(), &key.verifying_key());
+    check_key(&store_id, by.1, &database)?;
     check_newest_checkpoint(&fold, &layout, &kept, by)?;
     let signing = check_signed(&fold, &damaged_store, &layout, &kept, by);
     if let Err(error @ StoreError::Refused { hint, .. }) = signing
@@ -86,6 +107,9 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
         Err(StoreError::Refused { problem, .. }) => problem,
         Err(error) => return Err(error),
     };
+    if unsigned > 0 && unsigned_records == UnsignedRecords::Refuse {
+        return Err(would_take(&database, &damaged_store, fold.end(), unsigned));
+    }
     let part = database.with_extension("rebuilt");
     remove_database(&part)?;
     let mut made = make(&part, &STORE)?;
@@ -107,6 +131,22 @@ pub fn rebuild(folder: &Path, by: &str, wall_ms: i64) -> Result<Option<Rebuilt>,
     sync_folder(layout.folder())?;
     end.write(&layout.checkpoints())?;
     Ok(Some(rebuilt))
+}
+
+/// A refusal that names the records that nobody signed.
+fn would_take(database: &Path, damaged_store: &Connection, end: Head, unsigned: u64) -> StoreError {
+    let first = (end.seq + 1).saturating_sub(unsigned);
+    let mut named = Vec::new();
+    // What cannot be read is not named.
+    drop(audit::for_each::<rusqlite::Error>(damaged_store, first, |record| {
+        if named.len() < UNSIGNED_NAMED_MAX {
+            named.push(format!("{} {} {}", record.seq, record.kind, record.subject).trim_end().to_owned());
+        }
+        Ok(())
+    }));
+    let more = if unsigned > named.len() as u64 { ", ..." } else { "" };
+    let problem = format!("nobody signed the records {first} to {} ({}{more})", end.seq, named.join(", "));
+    unsigned_records_refused(database, &problem)
 }
 
 fn has_id(connection: &Connection, store_id: &str) -> bool {
@@ -203,6 +243,8 @@ fn fill(
     if let Some(fault) = compare(&after, &tx).map_err(&error)? {
         return Err(StoreError::Invariant(format!("the rebuilt store is not what its chain says: {fault}")));
     }
+    // What a start would refuse takes the place of nothing.
+    check_tables(&after, &tx, damaged_store.path().map_or(Path::new(""), Path::new), store_id)?;
     tx.commit().map_err(&error)?;
     Ok(change.rebuilt)
 }

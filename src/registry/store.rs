@@ -16,7 +16,7 @@ use rusqlite::{Connection, TransactionBehavior};
 use super::apply::{ApprovalBasis, apply};
 use super::audit::{self, ExportError, Head};
 use super::change::{BatchReceipt, Change, Receipt, Transaction};
-use super::check::{check_existing, kept_checkpoints, store_id};
+use super::check::{check_existing, kept_checkpoints};
 use super::checkpoint::{Checkpoint, EVERY_RECORDS, Link};
 use super::compare::compare;
 use super::error::StoreError;
@@ -30,6 +30,7 @@ use super::seals::{FoundTelemetry, Settled};
 use super::shape::first_difference;
 use super::signed;
 use super::snapshot;
+use super::store_id;
 use super::taken::UnreadStore;
 use super::telemetry::{Batch, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
@@ -105,7 +106,11 @@ impl Store {
             check_existing(&layout, &key.verifying_key(), &problems, watch)?
         };
         let (connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
-        let store_id = store_id(&connection, &layout.database())?;
+        let store_id = if fold.end().seq == 0 {
+            store_id::name_after(&connection, &key.verifying_key())?
+        } else {
+            store_id::read(&connection, &layout.database())?
+        };
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
         let telemetry = Arc::new(Mutex::new(TelemetryFile::open(&layout.telemetry(), limits)?));

@@ -8,7 +8,7 @@ use ed25519_dalek::SigningKey;
 use super::checkpoint;
 use super::error::StoreError;
 use super::layout::{EngineLock, Layout};
-use super::open::damaged;
+use super::open::{damaged, other_public_key};
 use super::store::Store;
 use super::telemetry::TelemetryLimits;
 use super::views::Views;
@@ -81,6 +81,11 @@ fn store_key(layout: &Layout, created: bool) -> Result<SigningKey, StoreError> {
     let key = keyfile::read_secret(&secret).map_err(wrong)?;
     if std::fs::symlink_metadata(&public).is_err() {
         keyfile::write_public(&public, &key.verifying_key(), "").map_err(wrong)?;
+    }
+    let (beside, _) =
+        keyfile::read_public(&public).map_err(|source| StoreError::Key { path: public.clone(), source })?;
+    if beside != key.verifying_key() {
+        return Err(other_public_key(&public));
     }
     Ok(key)
 }

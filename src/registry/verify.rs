@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::audit::head;
 use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
 use super::compare::{check_approvals, compare};
-use super::copies::{ChainAt, HeldCopy, check_copy, read_copies};
+use super::copies::{ChainAt, HeldCopy, check_copy, read_copies, read_witness};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
 use super::invariants::{check_acknowledged, check_registry};
@@ -22,11 +22,21 @@ use super::people;
 use super::seals::{BatchState, absent};
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
+use super::store_id;
 use super::structure;
 use super::telemetry::check_batch;
 use super::unsound::VerifyError;
 use super::witness::folder_of;
 use holdpoint_governance::ids::Digest;
+
+/// Where a database lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In its store: keys, checkpoints and telemetry have to be beside it, and its witnesses are asked.
+    Store,
+    /// Elsewhere: what is not beside it may not have been copied, and it is older than what witnesses have.
+    Copy,
+}
 
 /// What a store is judged by, beside itself.
 #[derive(Clone, Copy)]
@@ -35,8 +45,8 @@ pub struct JudgedBy<'a> {
     pub key: Option<&'a VerifyingKey>,
     /// Files and folders with signed heads that were kept elsewhere.
     pub against: &'a [PathBuf],
-    /// Whether the store's witnesses are asked; a copy of a store is older than what they have.
-    pub witnesses: bool,
+    /// Whether it is the store in its place, or a copy of one.
+    pub place: Place,
     /// Is told how far it is: what is looked at, how much of it was, and how much there is.
     pub tell: &'a dyn Fn(&'static str, u64, u64),
 }
@@ -55,7 +65,7 @@ pub struct VerifyReport {
     pub checkpoints: u64,
     /// Heads kept elsewhere that are of this chain: those that were named, and those of its witnesses.
     pub copies: u64,
-    /// Witnesses that could not be read, each with why.
+    /// Witnesses that could not be read, and files of theirs that are no heads, each with why.
     pub witnesses_silent: Vec<String>,
     /// Whether a public key was given; without one, signatures of checkpoints were not checked.
     pub key_given: bool,
@@ -63,6 +73,9 @@ pub struct VerifyReport {
     pub approvals: u64,
     /// Persons, enrolled and revoked, whose acts are signed by an administrator of their time.
     pub persons: u64,
+    /// First and last of the records that nobody had signed when a rebuild took them: nothing speaks for those.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub taken_unsigned: Vec<(u64, u64)>,
     /// Sealed batches of telemetry that match.
     pub batches: u64,
     /// Sealed batches that were removed for age.
@@ -96,6 +109,8 @@ impl MissingBatches {
     }
 }
 
+/// Files of a witness that are no heads and are named.
+const STRAYS_TOLD_MAX: usize = 3;
 /// Where a store has its checkpoints and its keys, beside its database.
 const CHECKPOINTS: &str = "checkpoints";
 const KEYS: &str = "keys";
@@ -108,14 +123,25 @@ fn unreadable(source: rusqlite::Error) -> VerifyError {
     VerifyError::Damaged(source.to_string())
 }
 
-/// Verifies the store in this database file.
+/// Verifies the store in its place that has this database file.
 ///
 /// # Errors
 /// As [`verify_against`].
 pub fn verify(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
     verify_against(
         database,
-        &JudgedBy { key: public_key, against: &[], witnesses: true, tell: &|_, _, _| {} },
+        &JudgedBy { key: public_key, against: &[], place: Place::Store, tell: &|_, _, _| {} },
+    )
+}
+
+/// Verifies a copy of a store, which may have been copied without what lay beside it.
+///
+/// # Errors
+/// As [`verify_against`].
+pub fn verify_copy(database: &Path, public_key: Option<&VerifyingKey>) -> Result<VerifyReport, VerifyError> {
+    verify_against(
+        database,
+        &JudgedBy { key: public_key, against: &[], place: Place::Copy, tell: &|_, _, _| {} },
     )
 }
 
@@ -138,14 +164,15 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
         FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
     })?;
     structure::check_all(&connection, &fold).map_err(VerifyError::Damaged)?;
-    let store_id: String = connection
-        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
-        .map_err(unreadable)?;
+    let store_id = store_id::read(&connection, database)?;
     if let Ok(Some(end)) = signed::read(&connection)
         && end.number() > kept.last().map_or(0, |kept| kept.checkpoint.number()) + 1
     {
         kept = read_all(&folder.join(CHECKPOINTS)).map_err(bad_file)?;
         kept.retain(|kept| kept.checkpoint.number() <= end.number());
+    }
+    if let Some(key) = public_key {
+        store_id::check_key(&store_id, key).map_err(VerifyError::Unsigned)?;
     }
     let checkpoints = check_checkpoints(&kept, &fold, &store_id, public_key)?;
     let by = (store_id.as_str(), public_key);
@@ -154,14 +181,15 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
         copies.extend(read_copies(path, &store_id).map_err(bad_copy)?);
     }
     let mut named = check_copies(&copies, &mut fold, by, |_| false)?;
+    let in_place = judged.place == Place::Store;
     let (of_witnesses, witnesses_silent) =
-        if judged.witnesses { heads_of_witnesses(&fold, &store_id) } else { (Vec::new(), Vec::new()) };
+        if in_place { heads_of_witnesses(&fold, &store_id) } else { (Vec::new(), Vec::new()) };
     // An engine may have written on since, and its witnesses may know.
     let since = |copy: &HeldCopy| is_on_record(database, &copy.checkpoint);
     named += check_copies(&of_witnesses, &mut fold, by, since)?;
     let fold = fold;
     // A database that was copied away has neither checkpoints nor keys beside it.
-    let alone = kept.is_empty() && !folder.join(KEYS).is_dir();
+    let alone = !in_place && kept.is_empty() && !folder.join(KEYS).is_dir();
     let signed = match signed::read(&connection) {
         Ok(None) if alone => Ok(()),
         Ok(_) | Err(_) if alone => signed::check_end(&fold, &connection, &kept, by).map(drop),
@@ -199,6 +227,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
         key_given: public_key.is_some(),
         approvals,
         persons: persons.all().count() as u64,
+        taken_unsigned: fold.taken_unsigned().to_vec(),
         batches: 0,
         batches_pruned: 0,
         batches_missed: 0,
@@ -277,9 +306,17 @@ fn check_copies(
 fn heads_of_witnesses(fold: &Fold, store_id: &str) -> (Vec<HeldCopy>, Vec<String>) {
     let (mut copies, mut silent) = (Vec::new(), Vec::new());
     for witness in fold.witnesses() {
-        match read_copies(&folder_of(witness, store_id), store_id) {
-            Ok(read) => copies.extend(read),
-            Err(BadFile { file, problem }) => silent.push(format!("{file}: {problem}")),
+        let told = |BadFile { file, problem }: BadFile| format!("{file}: {problem}");
+        match read_witness(&folder_of(witness, store_id)) {
+            Ok((heads, strays)) => {
+                copies.extend(heads);
+                let more = strays.len().saturating_sub(STRAYS_TOLD_MAX);
+                silent.extend(strays.into_iter().take(STRAYS_TOLD_MAX).map(told));
+                if more > 0 {
+                    silent.push(format!("{witness}: {more} files more that are no heads"));
+                }
+            }
+            Err(unreadable) => silent.push(told(unreadable)),
         }
     }
     (copies, silent)

@@ -11,7 +11,7 @@ use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
 
 use super::audit::{self, ExportError, Head};
 use super::change::ApprovalRequest;
-use super::check::open_checked;
+use super::check::{Reading, open_checked};
 use super::columns::{conversion, parsed, parsed_option};
 use super::entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
@@ -112,13 +112,29 @@ impl Views {
         Ok(Self { connection: open_reader(database, &STORE)? })
     }
 
-    /// As [`Self::open`], once the whole chain was read and every row is what it says: for whoever shows what the
+    /// As [`Self::open`], once the chain was read from its newest snapshot on and every row is what it says: for whoever shows what the
     /// tables hold where no engine vouches for it.
     ///
     /// # Errors
     /// If it cannot be opened, or its tables are not what its chain says.
     pub fn open_checked(database: &Path) -> Result<Self, StoreError> {
-        Ok(Self { connection: open_checked(database)? })
+        Ok(Self { connection: open_checked(database, Reading::Rows)? })
+    }
+
+    /// As [`Self::open_checked`], with every record read: for whoever counts what the records tell.
+    ///
+    /// # Errors
+    /// If it cannot be opened, or its records or tables are not what was signed.
+    pub fn open_whole(database: &Path) -> Result<Self, StoreError> {
+        Ok(Self { connection: open_checked(database, Reading::Whole)? })
+    }
+
+    /// As [`Self::open`], once every record was read and is what was signed: for whoever writes them out.
+    ///
+    /// # Errors
+    /// If it cannot be opened, or its records are not what was signed.
+    pub fn open_records(database: &Path) -> Result<Self, StoreError> {
+        Ok(Self { connection: open_checked(database, Reading::Records)? })
     }
 
     /// The connection, for [`check_invariants`](super::check_invariants).

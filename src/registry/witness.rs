@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ use serde::Deserialize;
 
 use super::change::Change;
 use super::checkpoint::{self, Checkpoint};
-use super::copies::{ChainAt, check_copy};
+use super::copies::{ChainAt, HEADS_MAX, check_copy};
 use super::error::StoreError;
 use super::layout::{sync_folder, write_atomically};
 use super::migrate::STORE;
@@ -37,27 +37,48 @@ const END_WAIT: Duration = Duration::from_secs(3);
 /// How long a start waits for what a witness has.
 const READ_WAIT: Duration = Duration::from_secs(10);
 /// Files of a witness that a start looks at until one is a head that the store signed.
-const LOOKED_AT_MAX: usize = 64;
+const LOOKED_AT_MAX: usize = HEADS_MAX;
 /// The longest path, bytes.
 const PATH_BYTES_MAX: usize = 1024;
 
 /// The witnesses that cannot be written or read at present, each with why.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Problems(Arc<Mutex<BTreeMap<String, String>>>);
+pub(crate) struct Problems(Arc<Mutex<Silent>>);
+
+#[derive(Debug, Default)]
+struct Silent {
+    /// Those that the start could not ask. That a head is written there later does not make up for what it did not say.
+    unheard: BTreeMap<String, String>,
+    /// Those that did not take the last head.
+    unwritten: BTreeMap<String, String>,
+}
 
 impl Problems {
+    fn locked(&self) -> MutexGuard<'_, Silent> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn unheard(&self, folder: &str, problem: String) {
+        self.locked().unheard.insert(folder.to_owned(), problem);
+    }
+
     fn set(&self, folder: &str, problem: Option<String>) {
-        let mut problems = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match problem {
-            Some(problem) => drop(problems.insert(folder.to_owned(), problem)),
-            None => drop(problems.remove(folder)),
+            Some(problem) => drop(self.locked().unwritten.insert(folder.to_owned(), problem)),
+            None => drop(self.locked().unwritten.remove(folder)),
         }
+    }
+
+    fn forget(&self, folder: &str) {
+        self.set(folder, None);
+        self.locked().unheard.remove(folder);
     }
 
     /// All of them, in the order of the folders.
     pub(crate) fn all(&self) -> Vec<String> {
-        let problems = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        problems.iter().map(|(folder, problem)| format!("the witness {folder:?}: {problem}")).collect()
+        let silent = self.locked();
+        let found = silent.unwritten.iter().chain(&silent.unheard);
+        found.map(|(folder, problem)| format!("the witness {folder:?}: {problem}")).collect()
     }
 }
 
@@ -192,7 +213,7 @@ impl Senders {
         for sender in gone {
             let witness = sender.witness.clone();
             end(sender);
-            self.problems.set(&witness, None);
+            self.problems.forget(&witness);
         }
         for witness in wanted {
             if self.threads.iter().any(|it| it.witness == *witness) {
@@ -273,7 +294,7 @@ fn described(error: &StoreError, folder: &Path) -> String {
 /// What a start found at a witness.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Testimony {
-    /// The newest head there is of this chain, or there is none yet.
+    /// The newest head there is of this chain.
     Agrees,
     /// It cannot be asked.
     Silent(String),
@@ -306,8 +327,7 @@ pub(crate) fn ask(
                 "it is of this store, and signed with another key than the store has now".to_owned();
             Testimony::Against { file, problem }
         }
-        Ok(Ok(None)) => Testimony::Agrees,
-        Ok(Ok(Some((file, head)))) => match check_copy(&head, (store_id, Some(key)), end, chain_at) {
+        Ok(Ok((file, head))) => match check_copy(&head, (store_id, Some(key)), end, chain_at) {
             Ok(()) => Testimony::Agrees,
             Err(problem) => Testimony::Against { file, problem },
         },
@@ -326,7 +346,7 @@ fn newest_signed(
     folder: &Path,
     store_id: &str,
     key: &VerifyingKey,
-) -> Result<Option<(String, Checkpoint)>, NoTestimony> {
+) -> Result<(String, Checkpoint), NoTestimony> {
     let names = checkpoint::names(folder).map_err(|error| NoTestimony::Unreadable(error.to_string()))?;
     let mut other = None;
     for name in names.iter().rev().take(LOOKED_AT_MAX) {
@@ -335,18 +355,19 @@ fn newest_signed(
             && head.store_id == store_id
         {
             if head.is_signed_by(key) {
-                return Ok(Some((path.display().to_string(), head)));
+                return Ok((path.display().to_string(), head));
             }
             other.get_or_insert_with(|| path.display().to_string());
         }
     }
-    if names.is_empty() {
-        return Ok(None);
-    }
-    match other {
-        Some(file) => Err(NoTestimony::OtherKey(file)),
-        None => Err(NoTestimony::Unreadable("this store signed none of its newest files".to_owned())),
-    }
+    Err(match other {
+        Some(file) => NoTestimony::OtherKey(file),
+        // The first head is put there when the witness is added, before that is on record.
+        None if names.is_empty() => NoTestimony::Unreadable(
+            "it is empty, although it got a head when it was added; what it had is gone".to_owned(),
+        ),
+        None => NoTestimony::Unreadable("this store signed none of its newest files".to_owned()),
+    })
 }
 
 /// Asks every witness, and notes those that are silent.
@@ -363,7 +384,7 @@ pub(crate) fn ask_all<'a>(
     for witness in witnesses {
         match ask(witness, by, end, &chain_at) {
             Testimony::Agrees => {}
-            Testimony::Silent(problem) => problems.set(witness, Some(problem)),
+            Testimony::Silent(problem) => problems.unheard(witness, problem),
             Testimony::Against { file, problem } => return Err((file, problem)),
         }
     }

@@ -49,16 +49,28 @@ def digest(domain, *parts):
     return hasher.digest()
 
 
-def whole(value):
-    """A whole number that 64 bits hold, below zero or not."""
-    if isinstance(value, bool) or not isinstance(value, int) or not -(2**63) <= value < 2**64:
-        raise ValueError(f"{value!r} is no whole number")
+def whole(value, least=-(2**63), most=2**63 - 1):
+    """A whole number within these bounds."""
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise ValueError(f"{value!r} is no whole number of this form")
     return value
 
 
 def number(value):
     """A whole number as it is hashed."""
-    return whole(value).to_bytes(8, "little")
+    return whole(value, 0, 2**64 - 1).to_bytes(8, "little")
+
+
+def public_key(value):
+    """A public key from its digits."""
+    return Ed25519PublicKey.from_public_bytes(digits(value, 32))
+
+
+def check_id(store_id, key):
+    """Whether a store with this id signs with this key, as far as the id says: earlier versions drew theirs."""
+    of_key = "key-" + digest("holdpoint/store-id/v1", key.public_bytes_raw()).hex()[:32]
+    if store_id.startswith("key-") and store_id != of_key:
+        raise Bad("line", 1, f"the store {store_id!r} does not sign with this key: it would be {of_key!r}")
 
 
 def digits(text, count):
@@ -330,22 +342,35 @@ class Export:
             raise Bad("record", seq, "its content does not match its hash")
         if record["at_ms"] < self.at_ms:
             raise Bad("record", seq, "it is older than the record before")
+        try:
+            self.take_body(record)
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+            raise Bad("record", seq, f"its body is not of its form: {error}") from error
+        self.seq, self.last, self.at_ms = seq, found, record["at_ms"]
+        self.tree.push(found)
+        if seq in self.spoken_of:
+            self.seen[seq] = (found, self.tree.root())
+
+    def take_body(self, record):
+        """What a record says of persons and approvals."""
+        if record["kind"] not in ("approval-put", "person-enrolled", "person-revoked", "store-rebuilt"):
+            return
+        body = json.loads(record["body"], object_pairs_hook=unique, parse_constant=no_number, parse_int=plain)
         if record["kind"] == "approval-put":
-            change = json.loads(record["body"])["change"]
+            change = body["change"]
+            text(change["nonce"])
+            text(change["who"])
             try:
                 self.put[change["nonce"]] = self.persons.key_of(change["who"])
             except LookupError as error:
                 raise Bad("approval", change["nonce"], "whoever gave it was not enrolled then") from error
         if record["kind"] in ("person-enrolled", "person-revoked"):
-            self.persons.take(record, json.loads(record["body"])["change"])
+            self.persons.take(record, body["change"])
         if record["kind"] == "store-rebuilt":
-            for table, key, _ in json.loads(record["body"])["rows"]:
+            for table, key, row_digest in body["rows"]:
+                digits(row_digest, 32)
                 if table == "approval":
-                    self.lost.add(key)
-        self.seq, self.last, self.at_ms = seq, found, record["at_ms"]
-        self.tree.push(found)
-        if seq in self.spoken_of:
-            self.seen[seq] = (found, self.tree.root())
+                    self.lost.add(text(key).decode())
 
     def check(self, key):
         if self.seq != self.header["records"]:
@@ -436,6 +461,13 @@ def no_number(word):
     raise ValueError(f"{word} is no number")
 
 
+def plain(word):
+    """A whole number as it is written: of zeros there is one."""
+    if word == "-0":
+        raise ValueError("-0 is no whole number")
+    return int(word)
+
+
 def lines(file):
     for line in range(1, sys.maxsize):
         read = file.readline(LINE_BYTES_MAX + 1)
@@ -446,7 +478,11 @@ def lines(file):
         if not read.endswith(b"\n"):
             raise Bad("line", line, "the file is cut short in it")
         try:
-            yield line, json.loads(read, object_pairs_hook=unique, parse_constant=no_number)
+            # As text: bytes would be taken for whatever encoding they look like.
+            read = read.decode("utf-8")
+            if line == 1 and not read.startswith('{"export":'):
+                raise ValueError("it is not the first of an exported store")
+            yield line, json.loads(read, object_pairs_hook=unique, parse_constant=no_number, parse_int=plain)
         except (ValueError, RecursionError) as error:
             raise Bad("line", line, str(error)) from error
 
@@ -456,13 +492,19 @@ def verify(file, key):
     _, first = next(rest, (1, None))
     try:
         header = fields(first["export"], ("format", "version", "store_id", "records", "public_key"))
-        if (header["format"], header["version"]) != ("holdpoint-store-export", 1):
+        if (header["format"], whole(header["version"])) != ("holdpoint-store-export", 1):
             raise ValueError
         number(header["records"])
-        if key is None:
-            key = Ed25519PublicKey.from_public_bytes(digits(header["public_key"], 32))
+        text(header["store_id"])
+        named = None if header["public_key"] is None else public_key(header["public_key"])
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise Bad("line", 1, "it does not say that the file is an exported store of version 1, and of which key") from error
+    if key is None and named is None:
+        raise Bad("line", 1, "it names no public key, and none was given")
+    if key is not None and named is not None and key.public_bytes_raw() != named.public_bytes_raw():
+        raise Bad("line", 1, "it names another public key than the one that was given")
+    key = key or named
+    check_id(header["store_id"], key)
     export = Export(header)
     for line, value in rest:
         export.take(line, value)

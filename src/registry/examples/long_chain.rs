@@ -23,8 +23,8 @@ use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
-    AuditBody, BackupParts, Change, Store, StoreError, Transaction, UnreadStore, Views, backup, export_store,
-    prove_record, rebuild, verify,
+    AuditBody, BackupParts, Change, Exporting, Store, StoreError, Transaction, UnreadStore, UnsignedRecords,
+    Views, backup, export_store, prove_record, rebuild, verify,
 };
 use rusqlite::Connection;
 use rustix::time::{ClockId, clock_gettime};
@@ -138,7 +138,9 @@ impl Measure {
                 verify(&database, Some(&key))?;
             }
             Self::Append => append(&Store::open(folder)?)?,
-            Self::Rebuild => drop(rebuild(folder, "{}", 0)?.ok_or("nothing was rebuilt")?),
+            Self::Rebuild => {
+                drop(rebuild(folder, UnsignedRecords::Refuse, "{}", 0)?.ok_or("nothing was rebuilt")?)
+            }
         }
         Ok(())
     }
@@ -238,7 +240,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let proof = timed("proof of a record", || prove_record(&database, records / 2))?;
         println!("  which has {} bytes", proof.text()?.len());
         timed("proof checked", || proof.check(&key))?;
-        timed("exported", || export_store(&database, Some(&key), &mut std::io::sink()))?;
+        timed("exported", || export_store(&database, Exporting::Signed, Some(&key), &mut std::io::sink()))?;
         timed("backup", || backup(folder.path(), &folder.path().join("copy"), BackupParts::default()))?;
         for phase in Measure::ALL {
             phase.prepare(folder.path());

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use holdpoint_approvals::Identity;
 use holdpoint_governance::approval::Role;
 use holdpoint_registry::{
-    BackupParts, Store, VerifyError, backup, check_store, export_store, is_exported, rebuild, store_info,
-    verify, verify_export,
+    BackupParts, Exporting, Store, UnsignedRecords, VerifyError, backup, check_store, export_store,
+    is_exported, rebuild, store_info, verify, verify_copy, verify_export,
 };
 
 use crate::damage::rewrite;
@@ -42,7 +42,7 @@ fn a_copy_is_whole_while_an_engine_writes() {
             records = report.verified.records;
             let alone = to.path().join(format!("copy-{nth}.db"));
             backup(folder.path(), &alone, BackupParts::default()).unwrap();
-            assert!(verify(&alone, Some(&public_key(folder.path()))).unwrap().records >= records);
+            assert!(verify_copy(&alone, Some(&public_key(folder.path()))).unwrap().records >= records);
         }
         done.store(true, Ordering::Relaxed);
     });
@@ -144,7 +144,8 @@ fn a_quick_look_finds_what_is_plain_to_see() {
 /// The history of a store in one file.
 fn exported(folder: &Path, file: &Path) -> Vec<String> {
     let mut bytes = Vec::new();
-    export_store(&folder.join("holdpoint.db"), Some(&public_key(folder)), &mut bytes).unwrap();
+    export_store(&folder.join("holdpoint.db"), Exporting::Signed, Some(&public_key(folder)), &mut bytes)
+        .unwrap();
     fs::write(file, &bytes).unwrap();
     String::from_utf8(bytes).unwrap().lines().map(str::to_owned).collect()
 }
@@ -229,7 +230,7 @@ fn stores(root: &Path) -> Vec<PathBuf> {
     connection.execute_batch(&drops.concat()).unwrap();
     connection.execute_batch("UPDATE approval SET signed = '{}'").unwrap();
     drop(connection);
-    unless_in_use(|| rebuild(&mended, "{}", 7)).unwrap().unwrap();
+    unless_in_use(|| rebuild(&mended, UnsignedRecords::Refuse, "{}", 7)).unwrap().unwrap();
     vec![plain, released, mended]
 }
 
@@ -248,7 +249,7 @@ fn an_exported_store_is_sound_for_both_verifiers() {
         assert!(lines.iter().all(|line| line.bytes().all(|byte| (b' '..=b'~').contains(&byte))));
     }
     let other = holdpoint_approvals::keyfile::generate().unwrap().verifying_key();
-    assert!(verify_export(&file, Some(&other)).unwrap_err().to_string().contains("signature"));
+    assert!(verify_export(&file, Some(&other)).unwrap_err().to_string().contains("another public key"));
 }
 
 #[test]
@@ -353,12 +354,16 @@ fn persons_and_who_approved_are_judged_by_both() {
         rewrite(&store, &edit);
         export_store(
             &store.join("holdpoint.db"),
+            Exporting::Unchecked,
             Some(&public_key(&store)),
             &mut fs::File::create(&file).unwrap(),
         )
         .unwrap();
         let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
         assert!(said.contains(expected), "{what}: {said}");
+        // Nor is it written out as a history that was signed.
+        let refused = export_store(&store.join("holdpoint.db"), Exporting::Signed, None, &mut Vec::new());
+        assert!(refused.unwrap_err().to_string().contains("history was rewritten"));
     }
     // The same decision under the same name, signed by somebody else's key.
     let store = root.path().join("another key");

@@ -204,7 +204,7 @@ fn checkpoints_of_others_are_refused() {
     let (our_key, their_key) = (made(ours.path()), made(theirs.path()));
     let database = ours.path().join("holdpoint.db");
     let error = verify(&database, Some(&their_key)).unwrap_err();
-    assert!(error.to_string().contains("public key"), "{error}");
+    assert!(error.to_string().contains("does not sign with this key"), "{error}");
     for entry in fs::read_dir(theirs.path().join("checkpoints")).unwrap() {
         let entry = entry.unwrap();
         fs::copy(entry.path(), ours.path().join("checkpoints").join(entry.file_name())).unwrap();
@@ -215,7 +215,7 @@ fn checkpoints_of_others_are_refused() {
     }
     let copied = tempfile::tempdir().unwrap();
     fs::copy(&database, copied.path().join("copy.db")).unwrap();
-    let report = verify(&copied.path().join("copy.db"), Some(&our_key)).unwrap();
+    let report = holdpoint_registry::verify_copy(&copied.path().join("copy.db"), Some(&our_key)).unwrap();
     assert_eq!(report.checkpoints, 0, "a copy alone has none");
 }
 

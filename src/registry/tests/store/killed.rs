@@ -9,7 +9,7 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use holdpoint_registry::{Store, StoreError, check_invariants, rebuild, verify};
+use holdpoint_registry::{Store, StoreError, UnsignedRecords, check_invariants, rebuild, verify};
 use rusqlite::Connection;
 
 use crate::edits::{made, quick_folder};
@@ -115,7 +115,7 @@ fn a_store_that_is_being_made_is_none_or_whole() {
 fn a_rebuild_leaves_the_damaged_store_or_the_rebuilt_one() {
     const DAMAGE: &str = "UPDATE family SET reason = 'edited' WHERE name = 'grasp'";
     if let Ok(folder) = std::env::var(CHILD) {
-        drop(rebuild(Path::new(&folder), "{}", 0).unwrap());
+        drop(rebuild(Path::new(&folder), UnsignedRecords::Refuse, "{}", 0).unwrap());
         return;
     }
     if !traces() {
@@ -130,7 +130,7 @@ fn a_rebuild_leaves_the_damaged_store_or_the_rebuilt_one() {
         match unless_in_use(|| Store::open(folder)).map(drop) {
             Ok(()) => {}
             Err(StoreError::Refused { .. }) => {
-                let rebuilt = unless_in_use(|| rebuild(folder, "{}", 0));
+                let rebuilt = unless_in_use(|| rebuild(folder, UnsignedRecords::Refuse, "{}", 0));
                 assert!(rebuilt.unwrap_or_else(|error| panic!("{when}: {error}")).is_some(), "{when}");
             }
             Err(error) => panic!("{when}: {error}"),

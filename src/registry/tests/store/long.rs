@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint_registry::{AuditBody, Store, Views, verify};
+use holdpoint_registry::{AuditBody, Exporting, Store, Views, export_store, verify};
 use rusqlite::Connection;
 
 use crate::edits::{made, quick_folder};
@@ -94,4 +94,24 @@ fn a_start_goes_on_from_a_snapshot_and_trusts_none_that_is_not_signed() {
     fs::remove_file(&snapshot).unwrap();
     let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
     assert!(error.contains("audit record 1000"), "{error}");
+}
+
+/// What a start does not read is read by whoever writes it out or counts it.
+#[test]
+fn an_edited_record_before_the_snapshot_is_neither_written_out_nor_counted() {
+    let folder = quick_folder();
+    long(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    Views::open_records(&database).unwrap();
+    Views::open_whole(&database).unwrap();
+    sql(folder.path(), "DROP TRIGGER audit_no_update; UPDATE audit SET body = '[]' WHERE seq = 1000");
+    for error in [
+        Views::open_records(&database).map(drop).unwrap_err().to_string(),
+        Views::open_whole(&database).map(drop).unwrap_err().to_string(),
+        export_store(&database, Exporting::Signed, None, &mut Vec::new()).unwrap_err().to_string(),
+    ] {
+        assert!(error.contains("audit record 1000 is bad"), "{error}");
+    }
+    let mut lies = Vec::new();
+    assert!(export_store(&database, Exporting::Unchecked, None, &mut lies).unwrap() > RECORDS);
 }

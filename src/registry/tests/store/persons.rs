@@ -2,7 +2,7 @@
 
 use holdpoint_approvals::{Identity, SignedPersonAct};
 use holdpoint_governance::approval::Role;
-use holdpoint_registry::{Change, Store, rebuild, verify};
+use holdpoint_registry::{Change, Store, UnsignedRecords, rebuild, verify};
 
 use crate::support::*;
 
@@ -139,7 +139,7 @@ fn persons_are_made_anew_from_the_chain() {
     drop(edit);
     let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
     assert!(error.contains("the person \"ada\" does not match the audit chain"), "{error}");
-    unless_in_use(|| rebuild(folder.path(), "{}", 0)).unwrap();
+    unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, "{}", 0)).unwrap();
     let store = open(folder.path());
     assert_eq!(store.persons().unwrap().all().cloned().collect::<Vec<_>>(), before);
 }

@@ -8,7 +8,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use holdpoint_registry::{Batch, Store, StoreError, check_invariants, rebuild, verify};
+use holdpoint_registry::{Batch, Store, StoreError, UnsignedRecords, check_invariants, rebuild, verify};
 use rusqlite::Connection;
 
 use crate::disk::{Loss, Trace};
@@ -126,7 +126,7 @@ fn a_power_cut_at_any_moment_loses_nothing_acknowledged() {
 #[test]
 fn a_power_cut_in_a_rebuild_leaves_a_store_that_can_be_rebuilt() {
     if let Ok(folder) = std::env::var(CHILD) {
-        drop(rebuild(Path::new(&folder), "{}", 0).unwrap());
+        drop(rebuild(Path::new(&folder), UnsignedRecords::Refuse, "{}", 0).unwrap());
         return;
     }
     let folder = quick_folder();
@@ -142,7 +142,7 @@ fn a_power_cut_in_a_rebuild_leaves_a_store_that_can_be_rebuilt() {
         match unless_in_use(|| Store::open(folder)).map(drop) {
             Ok(()) => {}
             Err(StoreError::Refused { .. }) => {
-                let rebuilt = unless_in_use(|| rebuild(folder, "{}", 0));
+                let rebuilt = unless_in_use(|| rebuild(folder, UnsignedRecords::Refuse, "{}", 0));
                 assert!(rebuilt.unwrap_or_else(|error| panic!("{when}: {error}")).is_some(), "{when}");
             }
             Err(error) => panic!("{when}: {error}"),

@@ -27,7 +27,7 @@ pub fn heads(folder: &Path) -> Vec<(PathBuf, Checkpoint)> {
 fn every_byte_counts(proof: &Proof, key: &VerifyingKey) {
     let text = proof.text().unwrap();
     let holds = |text: &str| Proof::parse(text).is_ok_and(|proof| proof.check(key).is_ok());
-    assert!(holds(&text) && holds(&format!("{text}\n")));
+    assert!(holds(&text) && !holds(&format!("{text}\n")));
     for at in 0..text.len() {
         for flip in [1, 2, 4, 0x20, 0x40] {
             let mut bytes = text.clone().into_bytes();

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{AuditFilter, Rebuilt, Store, StoreError, Views, rebuild, verify};
+use holdpoint_registry::{AuditFilter, Rebuilt, Store, StoreError, UnsignedRecords, Views, rebuild, verify};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 use rusqlite::types::Value;
@@ -55,7 +55,7 @@ fn sql(folder: &Path, text: &str) {
 }
 
 fn mended(folder: &Path) -> Rebuilt {
-    unless_in_use(|| rebuild(folder, BY, 7)).unwrap().unwrap()
+    unless_in_use(|| rebuild(folder, UnsignedRecords::Refuse, BY, 7)).unwrap().unwrap()
 }
 
 #[test]
@@ -79,7 +79,7 @@ fn what_was_edited_is_as_it_was_and_the_rebuild_is_on_record() {
         let at_all = (table.as_str(), column.as_str()) != ("command", "digest");
         if let Some(what) = done.filter(|_| at_all) {
             let damaged = fs::read(&database).unwrap();
-            match unless_in_use(|| rebuild(folder.path(), BY, 7)) {
+            match unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)) {
                 // Records may have been cut off behind an end that says there are more.
                 Err(StoreError::Refused { .. }) if table == "audit_head" => {}
                 Err(error) => panic!("{what}: {error}"),
@@ -110,7 +110,11 @@ fn the_record_says_who_and_what() {
     let folder = tempfile::tempdir().unwrap();
     made(folder.path());
     let database = folder.path().join("holdpoint.db");
-    assert_eq!(unless_in_use(|| rebuild(folder.path(), BY, 7)).unwrap(), None, "there is nothing to mend");
+    assert_eq!(
+        unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap(),
+        None,
+        "there is nothing to mend"
+    );
     sql(folder.path(), "UPDATE version SET permissions = '[1]', author = 'eve' WHERE name = 'grasp@1.1.0'");
     let refused = unless_in_use(|| Store::open(folder.path())).unwrap_err();
     assert!(refused.to_string().contains("(author, permissions)"), "{refused}");
@@ -142,7 +146,7 @@ fn the_record_says_who_and_what() {
     // The store goes on, and another rebuild begins where this one ended.
     let store = open(folder.path());
     shadowed(&store, "place@1.2.0");
-    let busy = rebuild(folder.path(), BY, 7).unwrap_err();
+    let busy = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err();
     assert!(matches!(busy, StoreError::InUse { .. }), "{busy}");
     drop(store);
     sql(folder.path(), "UPDATE family SET standing = NULL");
@@ -157,7 +161,7 @@ fn a_chain_that_is_not_whole_is_not_built_upon() {
     made(folder.path());
     sql(folder.path(), "DROP TRIGGER audit_no_update; UPDATE audit SET body = '{}' WHERE seq = 9");
     let before = fs::read(folder.path().join("holdpoint.db")).unwrap();
-    let error = rebuild(folder.path(), BY, 7).unwrap_err();
+    let error = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err();
     assert!(
         error.to_string().contains("audit record 9") && error.hint().unwrap().contains("backup"),
         "{error}"
@@ -210,7 +214,7 @@ fn a_store_of_schema_1_is_rebuilt_as_far_as_its_records_go() {
     verify(&folder.join("holdpoint.db"), None).unwrap();
 
     let (_folder, folder, _) = store("UPDATE family SET standing = '{}' WHERE name = 'grasp'");
-    let error = unless_in_use(|| rebuild(&folder, BY, 7)).unwrap_err().to_string();
+    let error = unless_in_use(|| rebuild(&folder, UnsignedRecords::Refuse, BY, 7)).unwrap_err().to_string();
     assert!(error.contains("the family \"grasp\" cannot be rebuilt"), "{error}");
     assert!(!folder.join("holdpoint.rebuilt").exists());
 }

@@ -3,12 +3,14 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint_registry::{AuditFilter, Checkpoint, Store, Views, rebuild, verify};
+use holdpoint_approvals::keyfile;
+use holdpoint_registry::{AuditFilter, Checkpoint, Store, UnsignedRecords, Views, rebuild, verify};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 
 use crate::damage::rewrite;
 use crate::edits::{made, quick_folder};
+use crate::proofs::public_key;
 use crate::released::schema_1;
 use crate::support::*;
 
@@ -55,7 +57,7 @@ fn a_chain_written_anew_is_refused_without_its_checkpoints() {
     assert!(refused(folder.path()).contains("history was rewritten"));
     assert!(not_sound(folder.path()).contains("history was rewritten"));
     Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
-    let error = rebuild(folder.path(), BY, 7).unwrap_err().to_string();
+    let error = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err().to_string();
     assert!(error.contains("history was rewritten"), "{error}");
     // Nor without what the database says of the signed end.
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
@@ -125,10 +127,10 @@ fn a_rebuild_goes_on_without_them_and_says_so() {
     let all = files(folder.path());
     fs::remove_file(&all[1]).unwrap();
     refused(folder.path());
-    let rebuilt = unless_in_use(|| rebuild(folder.path(), BY, 7)).unwrap().unwrap();
+    let rebuilt = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap().unwrap();
     assert_eq!((rebuilt.unsigned, rebuilt.differed.len()), (0, 0));
     assert!(rebuilt.problem.contains("is missing"), "{}", rebuilt.problem);
-    assert_eq!(unless_in_use(|| rebuild(folder.path(), BY, 7)).unwrap(), None);
+    assert_eq!(unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap(), None);
     let newest = Checkpoint::read(files(folder.path()).last().unwrap()).unwrap();
     assert!(newest.link.unwrap().gap);
     verify(&database, None).unwrap();
@@ -148,8 +150,14 @@ fn a_rebuild_goes_on_without_them_and_says_so() {
     }
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
     refused(folder.path());
-    let rebuilt = unless_in_use(|| rebuild(folder.path(), BY, 7)).unwrap().unwrap();
+    let unasked = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap_err();
+    let named = format!("nobody signed the records {} to {records} (", before + 1);
+    assert!(unasked.to_string().contains(&named), "{unasked}");
+    assert!(unasked.hint().unwrap().contains("--take-unsigned"));
+    refused(folder.path());
+    let rebuilt = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap().unwrap();
     assert_eq!(rebuilt.unsigned, records - before);
+    assert_eq!(verify(&database, None).unwrap().taken_unsigned, [(before + 1, records)]);
     let filter = AuditFilter { newest_first: true, limit: 1, ..AuditFilter::default() };
     let record = &Views::open_checked(&database).unwrap().audit(&filter).unwrap()[0];
     assert!(record.body.contains(&format!("\"unsigned\":{}", records - before)), "{}", record.body);
@@ -183,4 +191,35 @@ fn a_store_with_checkpoints_of_an_earlier_version_goes_on_from_them() {
     }
     assert!(refused(&store).contains("nobody signed"));
     not_sound(&store);
+}
+
+/// Whoever cannot read the store's key and puts one of their own in its place has made another store.
+#[test]
+fn a_key_in_place_of_the_stores_is_refused() {
+    let folder = quick_folder();
+    made(folder.path());
+    let (database, keys) = (folder.path().join("holdpoint.db"), folder.path().join("keys"));
+    let ours = public_key(folder.path());
+    let id = open(folder.path()).store_id().to_owned();
+    let own = keyfile::generate().unwrap();
+    fs::remove_file(keys.join("store.key")).unwrap();
+    keyfile::write_secret(&keys.join("store.key"), &own).unwrap();
+    let theirs = refused(folder.path());
+    assert!(theirs.contains("store.pub") && theirs.contains("secret key store.key"), "{theirs}");
+    fs::remove_file(keys.join("store.pub")).unwrap();
+    keyfile::write_public(&keys.join("store.pub"), &own.verifying_key(), "").unwrap();
+    // Everything that the store signed, signed anew.
+    for file in files(folder.path()) {
+        let old = Checkpoint::read(&file).unwrap();
+        let head = holdpoint_registry::Head { seq: old.seq, hash: old.head, at_ms: old.at_ms };
+        let new =
+            Checkpoint::sign(&old.store_id, (head, old.root.unwrap()), old.link.unwrap(), old.fold, &own);
+        fs::write(&file, serde_json::to_string(&new).unwrap()).unwrap();
+    }
+    for said in [refused(folder.path()), not_sound(folder.path())] {
+        assert!(said.contains("does not sign with this key") && said.contains(&id), "{said}");
+    }
+    let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
+    assert!(error.to_string().contains("does not sign with this key"), "{error}");
+    assert!(verify(&database, Some(&ours)).is_err());
 }

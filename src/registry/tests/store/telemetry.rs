@@ -49,7 +49,10 @@ fn sealed_batches_are_vouched_for() {
     // A database that was copied away says what it could not look at.
     let copy = tempfile::tempdir().unwrap();
     std::fs::copy(&database, copy.path().join("holdpoint.db")).unwrap();
-    assert_eq!(verify(&copy.path().join("holdpoint.db"), None).unwrap().batches_unseen, 2);
+    assert_eq!(
+        holdpoint_registry::verify_copy(&copy.path().join("holdpoint.db"), None).unwrap().batches_unseen,
+        2
+    );
 }
 
 /// What is missing is told once by the next start; from then on it is on record, and nothing else may go.

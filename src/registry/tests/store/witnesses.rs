@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use holdpoint_approvals::keyfile;
 use holdpoint_registry::{
-    BackupParts, Checkpoint, JudgedBy, Store, StoreError, VerifyError, WITNESSES_MAX, add_witness, backup,
-    export_store, look_at_witness, prove_record, remove_witness, verify, verify_against, witnesses,
+    BackupParts, Checkpoint, Exporting, JudgedBy, Place, Store, StoreError, UnsignedRecords, VerifyError,
+    WITNESSES_MAX, add_witness, backup, export_store, look_at_witness, prove_record, remove_witness, verify,
+    verify_against, witnesses,
 };
 use holdpoint_text::Hint as _;
 
@@ -42,7 +43,7 @@ fn put_back(folder: &Path, before: &Path) {
 
 fn against(folder: &Path, copies: &[PathBuf]) -> Result<u64, VerifyError> {
     let key = public_key(folder);
-    let judged = JudgedBy { key: Some(&key), against: copies, witnesses: true, tell: &|_, _, _| {} };
+    let judged = JudgedBy { key: Some(&key), against: copies, place: Place::Store, tell: &|_, _, _| {} };
     verify_against(&folder.join("holdpoint.db"), &judged).map(|report| report.copies)
 }
 
@@ -65,9 +66,9 @@ fn forms(folder: &Path, kept: &Path) -> Vec<PathBuf> {
     fs::copy(&database, kept.join("alone.db")).unwrap();
     let (newest, _) = heads(folder).pop().unwrap();
     fs::copy(newest, kept.join("newest.json")).unwrap();
-    fs::write(kept.join("proof.json"), prove_record(&database, 3).unwrap().text().unwrap()).unwrap();
+    fs::write(kept.join("proof.json"), prove_record(&database, 3).unwrap().text().unwrap() + "\n").unwrap();
     let mut exported = Vec::new();
-    export_store(&database, Some(&public_key(folder)), &mut exported).unwrap();
+    export_store(&database, Exporting::Signed, Some(&public_key(folder)), &mut exported).unwrap();
     fs::write(kept.join("store.jsonl"), exported).unwrap();
     ["checkpoints", "store", "alone.db", "newest.json", "proof.json", "store.jsonl"]
         .map(|name| kept.join(name))
@@ -358,7 +359,9 @@ fn witnesses_are_on_record_and_nowhere_else() {
     // A rebuild keeps them, and a record that is edited away is missed.
     let sql = "UPDATE family SET reason = 'edited'";
     rusqlite::Connection::open(&database).unwrap().execute_batch(sql).unwrap();
-    unless_in_use(|| holdpoint_registry::rebuild(folder.path(), BY, 7)).unwrap().unwrap();
+    unless_in_use(|| holdpoint_registry::rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7))
+        .unwrap()
+        .unwrap();
     assert_eq!(witnesses(&database).unwrap().len(), WITNESSES_MAX - 1);
     let before = more[0].path().display().to_string();
     let edit = format!("UPDATE audit SET body = replace(body, '{before}', '/elsewhere')");
@@ -385,4 +388,71 @@ fn another_key_is_refused_by_the_witness() {
     }
     let error = unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err().to_string();
     assert!(error.contains("another key than the store has now"), "{error}");
+}
+
+/// A witness that lost what it had has nothing to say, and that is told until it is asked again.
+#[test]
+fn a_witness_that_was_emptied_or_littered_is_told() {
+    let folder = quick_folder();
+    made(folder.path());
+    let (witness, _) = witnessed(folder.path());
+    drop(open(folder.path()));
+    let newest = heads(folder.path()).pop().unwrap().1;
+    let place = witness.path().join(&newest.store_id);
+    let empty =
+        || fs::read_dir(&place).unwrap().for_each(|file| fs::remove_file(file.unwrap().path()).unwrap());
+    let litter = || {
+        for nth in 0..200 {
+            fs::write(place.join(format!("99999999{nth:04}.json")), "x").unwrap();
+        }
+    };
+    empty();
+    let store = open(folder.path());
+    let problem = store.checkpoint_problem().unwrap();
+    assert!(problem.contains("it is empty"), "{problem}");
+    // A head that is written there since does not make up for it.
+    checkpointed(&store, store.opening().head.at_ms + 1);
+    let until = Instant::now() + Duration::from_secs(20);
+    while fs::read_dir(&place).unwrap().count() == 0 && Instant::now() < until {
+        std::thread::yield_now();
+    }
+    assert!(store.checkpoint_problem().unwrap().contains("it is empty"));
+    drop(store);
+    // Beside its heads litter proves nothing, and is named.
+    litter();
+    let store = open(folder.path());
+    assert_eq!(store.checkpoint_problem(), None);
+    drop(store);
+    let report = verify(&folder.path().join("holdpoint.db"), None).unwrap();
+    let told = report.witnesses_silent.join("\n");
+    assert!(
+        told.contains("999999990000.json") && told.contains("197 files more that are no heads"),
+        "{told}"
+    );
+    assert!(report.copies > 0, "{report:?}");
+    // Where there is nothing else, it speaks for nothing.
+    empty();
+    litter();
+    let store = open(folder.path());
+    let problem = store.checkpoint_problem().unwrap();
+    assert!(problem.contains("signed none of its newest files"), "{problem}");
+}
+
+/// A stray file takes no testimony away: what the witness has beside it speaks against the store.
+#[test]
+fn a_stray_file_does_not_silence_a_witness() {
+    let (folder, before) = (quick_folder(), quick_folder());
+    made(folder.path());
+    let (witness, _) = witnessed(folder.path());
+    drop(open(folder.path()));
+    copy(folder.path(), before.path());
+    let store = open(folder.path());
+    shadowed(&store, "place@1.2.0");
+    let store_id = store.store_id().to_owned();
+    drop(store);
+    put_back(folder.path(), before.path());
+    fs::write(witness.path().join(store_id).join("999999999999.json"), "x").unwrap();
+    let error = verify(&folder.path().join("holdpoint.db"), None).unwrap_err();
+    assert!(matches!(&error, VerifyError::Copy { problem, .. } if problem.contains("cut off")), "{error}");
+    assert!(unless_in_use(|| Store::open(folder.path())).is_err());
 }
