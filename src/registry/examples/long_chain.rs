@@ -139,7 +139,7 @@ impl Measure {
             }
             Self::Append => append(&Store::open(folder)?)?,
             Self::Rebuild => {
-                drop(rebuild(folder, UnsignedRecords::Refuse, "{}", 0)?.ok_or("nothing was rebuilt")?)
+                drop(rebuild(folder, UnsignedRecords::Refuse, "{}", 0)?.ok_or("nothing was rebuilt")?);
             }
         }
         Ok(())
