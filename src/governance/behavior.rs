@@ -438,7 +438,13 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, asking: Option<Rea
     let traded =
         result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
     let HarmVerdict { established: harmful, possible } = harm::verdict(&result.harm);
-    let unsafe_now = result.components.iter().any(|c| c.name.is_safety() && c.is_established());
+    // More violations or anomalies are bought by nothing. That recovery runs more often is no harm by itself: within its
+    // tolerance it stands against a version only where success is what it would be bought with.
+    let unsafe_now = traded.is_some()
+        || result
+            .components
+            .iter()
+            .any(|c| c.name != ComponentName::Recovery && c.name.is_safety() && c.is_established());
     let outcome = if result.pairs < budget {
         let text = "fewer episode pairs than the budget".to_owned();
         let few =

@@ -226,7 +226,12 @@ impl<'a> Bench<'a> {
             under.as_bytes(),
         ]
         .map(<[u8]>::to_vec);
-        Digest::of_parts("holdpoint.truth.v1", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
+        // The second reckoning of sequences: in the first, the version that parks the arm stood in for the grasp.
+        let domain = match channel {
+            Channel::Sequences => "holdpoint.truth.v2",
+            Channel::Episodes | Channel::Stops => "holdpoint.truth.v1",
+        };
+        Digest::of_parts(domain, &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 }
 

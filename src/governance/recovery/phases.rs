@@ -54,9 +54,10 @@ pub(super) fn phases(evidence: &RecoveryEvidence, profile: &Profile) -> Vec<Phas
         let leans = active.is_none() || is_worse(new, old, LEAN_ALPHA);
         let failing = candidate.is_some_and(|found| found.rate < least) && leans;
         let established_worse = candidate.is_some() && active.is_some() && is_worse(new, old, alpha);
-        // A path that is a diagonal has no lift: what hangs in the hand and moves was rehearsed all the same.
+        // A path that is a diagonal has no lift, and one that lifts at once does not hold where the object stands: what
+        // hangs in the hand and moves, which is more, was rehearsed all the same.
         let alike = |other: &WorkPhase| tallies.of(kind, *other).feasible() >= PHASE_DRILLS_MIN;
-        let covered = phase.moves_what_hangs()
+        let covered = (phase.moves_what_hangs() || phase == WorkPhase::Holding)
             && WorkPhase::ALL.iter().any(|other| other.moves_what_hangs() && alike(other));
         let missing = active.is_some() && 2 * new.feasible() < old.feasible() && !covered;
         PhaseRates { kind, phase, candidate, active, failing, established_worse, missing }
@@ -205,6 +206,24 @@ mod tests {
             *without.phases.of_mut(kind, WorkPhase::Transport) = of(10, 0);
         }
         assert_eq!(judged(&without, &good).assessment.outcome, RecoveryOutcome::Compatible);
+    }
+
+    #[test]
+    fn what_lifts_at_once_need_not_be_rehearsed_where_the_object_stands() {
+        let good = drills(DrillKind::Abort, WorkPhase::Lifting, of(10, 0));
+        let mut without = good;
+        for kind in DrillKind::ALL {
+            *without.phases.of_mut(kind, WorkPhase::Holding) = of(2, 0);
+        }
+        assert_eq!(judged(&without, &good).assessment.outcome, RecoveryOutcome::Compatible);
+        // That something is approached is another matter, and so is a grasp that is never rehearsed with it hanging.
+        for phase in [WorkPhase::Approach, WorkPhase::Lifting] {
+            let mut lacking = without;
+            for kind in DrillKind::ALL {
+                *lacking.phases.of_mut(kind, phase) = of(2, 0);
+            }
+            assert_eq!(judged(&lacking, &good).assessment.outcome, RecoveryOutcome::NoData, "{phase}");
+        }
     }
 
     #[test]

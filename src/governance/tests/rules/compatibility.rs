@@ -230,6 +230,7 @@ fn behavioural_changes() {
     let anomaly = EpisodeValues { anomaly: true, ..GOOD };
     let violation = EpisodeValues { violation: true, ..GOOD };
     let failure = EpisodeValues { success: false, ..GOOD };
+    let recovered = EpisodeValues { recovery: true, ..GOOD };
     let slow = EpisodeValues { time_s: 5.0, ..GOOD };
     let retry = EpisodeValues { retries: 2, ..GOOD };
     for (name, active, candidate, outcome, code) in [
@@ -246,6 +247,10 @@ fn behavioural_changes() {
         // Six of 300 more with an anomaly are not established as worse at this level; seven are.
         (ProfileName::Sim, (30, failure), (6, anomaly), Compatible, BehaviorImproved),
         (ProfileName::Sim, (30, failure), (30, anomaly), Incompatible, BehaviorSafetyTraded),
+        // That recovery runs more often is no harm by itself, within its tolerance; bought with it, nothing is.
+        (ProfileName::Sim, (0, GOOD), (12, recovered), Compatible, BehaviorCompatible),
+        (ProfileName::Sim, (30, failure), (12, recovered), Incompatible, BehaviorSafetyTraded),
+        (ProfileName::Sim, (0, GOOD), (90, recovered), Incompatible, BehaviorEstablishedWorse),
         (ProfileName::Sim, (0, GOOD), (300, slow), Compatible, BehaviorCompatible),
         (ProfileName::Sim, (0, GOOD), (300, retry), Incompatible, BehaviorEstablishedWorse),
     ] {
