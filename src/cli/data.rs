@@ -55,15 +55,7 @@ pub(super) fn open_checked(data: &Path) -> Result<Views, CliError> {
     Views::open_checked(&database(data)?).map_err(CliError::usage)
 }
 
-/// As [`open_checked`], for counting what the records tell: all of them are what was signed.
-///
-/// # Errors
-/// [`CliError::Usage`] if there is no store, or its records or tables are not what was signed.
-pub(super) fn open_whole(data: &Path) -> Result<Views, CliError> {
-    Views::open_whole(&database(data)?).map_err(CliError::usage)
-}
-
-/// Opens the store's views for writing its records out; they are what was signed.
+/// Opens the store's views for writing its records out, or counting what they tell; they are what was signed.
 ///
 /// # Errors
 /// [`CliError::Usage`] if there is no store, or its records are not what was signed.

@@ -117,7 +117,7 @@ fn moment_ms(text: &str) -> Option<i64> {
 /// # Errors
 /// If there is no store, or it cannot be read.
 pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let views = data::open_whole(&context.data)?;
+    let views = data::open_records(&context.data)?;
     let file = Layout::new(&context.data).telemetry();
     let telemetry =
         file.is_file().then(|| TelemetryViews::open(&file)).transpose().map_err(CliError::usage)?;

@@ -74,9 +74,7 @@ fn chain_at(fold: &Fold, connection: &Connection, seq: u64) -> Option<ChainAt> {
 pub(crate) enum Reading {
     /// Every row, and the records since the newest snapshot: enough for what the tables hold.
     Rows,
-    /// Every row and every record: for what is counted from the records.
-    Whole,
-    /// Every record: for what writes the records out.
+    /// Every record: for what is written out or counted from the records.
     Records,
 }
 

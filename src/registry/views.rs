@@ -121,15 +121,8 @@ impl Views {
         Ok(Self { connection: open_checked(database, Reading::Rows)? })
     }
 
-    /// As [`Self::open_checked`], with every record read: for whoever counts what the records tell.
-    ///
-    /// # Errors
-    /// If it cannot be opened, or its records or tables are not what was signed.
-    pub fn open_whole(database: &Path) -> Result<Self, StoreError> {
-        Ok(Self { connection: open_checked(database, Reading::Whole)? })
-    }
-
-    /// As [`Self::open`], once every record was read and is what was signed: for whoever writes them out.
+    /// As [`Self::open`], once every record was read and is what was signed: for whoever writes them out or counts what
+    /// they tell.
     ///
     /// # Errors
     /// If it cannot be opened, or its records are not what was signed.
