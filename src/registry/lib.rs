@@ -10,6 +10,7 @@ mod administrator;
 mod apply;
 mod appointment;
 mod approve;
+mod aside;
 mod audit;
 mod backup;
 mod change;
@@ -47,6 +48,7 @@ mod store;
 mod structure;
 mod taken;
 mod telemetry;
+mod telemetry_views;
 mod unsound;
 mod verify;
 mod version;
@@ -59,7 +61,7 @@ pub use audit::{ExportError, Head};
 pub use backup::{BackupError, BackupParts, BackupReport, backup};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, BatchReceipt, CHANGES_MAX, Change,
-    NewVersion, Receipt, TEXT_BYTES_MAX, Transaction,
+    NewVersion, Receipt, SetAside, TEXT_BYTES_MAX, Transaction,
 };
 pub use checkpoint::{Checkpoint, Link};
 pub use entries::{
@@ -71,7 +73,7 @@ pub use exported::{ExportReport, export_store, is_exported, verify_export};
 pub use info::{Looked, StoreInfo, check_store, store_info};
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use kept::{Found, KeptCells, KeptSecret};
-pub use layout::{Layout, utc};
+pub use layout::{Layout, size, utc};
 pub use lost::{DifferingRow, Rebuilt};
 pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, prove_record};
 pub use rebuild::rebuild;
@@ -79,7 +81,8 @@ pub use recovery::Interrupted;
 pub use seals::FoundTelemetry;
 pub use store::{Opening, Store};
 pub use taken::UnreadStore;
-pub use telemetry::{Batch, EpisodeKey, NumberedBatch, TelemetryLimits, TelemetryViews};
+pub use telemetry::{Batch, EpisodeKey, TelemetryLimits};
+pub use telemetry_views::{LyingBatch, TelemetryViews};
 pub use unsound::VerifyError;
 pub use verify::{JudgedBy, MissingBatches, VerifyReport, verify, verify_against};
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};
