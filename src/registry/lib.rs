@@ -58,7 +58,7 @@ mod witness;
 pub use administrator::FIRST_ADMINISTRATOR;
 pub use appointment::{add_witness, remove_witness};
 pub use audit::{ExportError, Head};
-pub use backup::{BackupError, BackupParts, BackupReport, backup};
+pub use backup::{BackupError, BackupParts, BackupReport, LeftOut, RecordingOnRecord, RecordingsOf, backup};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, BatchReceipt, CHANGES_MAX, Change,
     NewVersion, Receipt, SetAside, TEXT_BYTES_MAX, Transaction,
