@@ -1,5 +1,6 @@
 //! Where the store is.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::CliError;
@@ -32,7 +33,8 @@ fn folder_from(given: Option<&Path>, xdg: Option<PathBuf>, home: Option<PathBuf>
 /// [`CliError::Usage`] if there is none.
 pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
     let database = Layout::new(data).database();
-    if database.is_file() {
+    // What else may lie there, whoever opens it says.
+    if fs::symlink_metadata(&database).is_ok() {
         return Ok(database);
     }
     Err(CliError::usage(format!("there is no store in {data:?}"))

@@ -210,7 +210,11 @@ fn covered(coverage: &Coverage, out: &mut Output<'_>) -> Result<(), CliError> {
             late_batches,
             "batches of live tasks were sealed only after their engine had ended: they are in no number",
         ),
-        (damaged_batches, "batches of live tasks are not what was sealed, or cannot be read"),
+        (
+            damaged_batches,
+            "batches of telemetry are not what the audit chain seals: somebody edited them, or the disk did; they are in \
+             no number",
+        ),
     ] {
         if *count > 0 {
             out.paragraph("", &format!("{count} {what}"))?;

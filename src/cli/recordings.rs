@@ -15,6 +15,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_engine::recordings;
 use holdpoint_recordings::folder::{self, Filed};
 use holdpoint_recordings::record::{FileCheck, OnRecord};
+pub(super) use holdpoint_registry::size;
 use holdpoint_registry::{Layout, Views};
 
 /// Bytes of a mebibyte.
@@ -106,11 +107,7 @@ pub(super) fn on_record(views: &Views) -> Result<OnRecord, CliError> {
 
 /// How a file stands to what is on record of it.
 pub(super) fn check(filed: &Filed, record: &OnRecord) -> Result<FileCheck, CliError> {
-    let unreadable = |error| CliError::usage(format!("cannot read {:?}: {error}", filed.path));
-    if record.recorded(&filed.file).is_none() {
-        return Ok(FileCheck::NotOnRecord);
-    }
-    Ok(record.check(&filed.file, folder::digest(&filed.path).map_err(unreadable)?))
+    record.check(filed).map_err(|error| CliError::usage(format!("cannot read {:?}: {error}", filed.path)))
 }
 
 fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
@@ -166,10 +163,11 @@ struct RecordingFindings {
 fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let mut found = Vec::new();
     for filed in files {
-        let (word, bad, detail) = match check(filed, record)? {
+        let checked = check(filed, record)?;
+        let (word, bad, detail) = match checked {
             FileCheck::Matches => ("matches", false, String::new()),
-            FileCheck::Differs { found, recorded } => {
-                ("DIFFERS", true, format!("its SHA-256 is {found}, {recorded} was recorded at closure"))
+            FileCheck::Differs { .. } | FileCheck::OtherSize { .. } => {
+                ("DIFFERS", true, checked.difference().unwrap_or_default())
             }
             FileCheck::NotOnRecord => ("not on record", false, "its upgrade was not closed".to_owned()),
         };
@@ -213,7 +211,7 @@ fn remove(
     let (mut removed, mut kept, mut bytes) = (0_usize, 0_u64, 0_u64);
     for (Upgrade { files, version, .. }, reason) in &chosen {
         for filed in files {
-            if let FileCheck::Differs { .. } = check(filed, &record)? {
+            if check(filed, &record)?.difference().is_some() {
                 kept += 1;
                 let value = json!({ "kept": filed.file, "reason": "differs from what was recorded" });
                 out.answer(&value, |out| {
@@ -245,15 +243,6 @@ fn remove(
 /// How many of something, in words.
 pub(super) fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
-}
-
-/// A size for people.
-pub(super) fn size(bytes: u64) -> String {
-    match bytes {
-        0..1_024 => format!("{bytes} B"),
-        1_024..MIB => format!("{:.1} KiB", bytes as f64 / 1_024.0),
-        _ => format!("{:.1} MiB", bytes as f64 / MIB as f64),
-    }
 }
 
 /// A wall time for people: `2026-11-21 02:10`.

@@ -26,7 +26,6 @@ use holdpoint_console::replay::{ReplayError, ReplayOptions, print, run as run_in
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_recordings::folder::{self, Filed};
-use holdpoint_recordings::record::FileCheck;
 use holdpoint_recordings::viewer;
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
@@ -184,11 +183,9 @@ fn problems(files: &[PathBuf]) -> Result<Vec<String>, CliError> {
     for path in files {
         let Some((store, filed)) = in_store(path) else { continue };
         let record = on_record(&super::data::open(&store)?)?;
-        if let FileCheck::Differs { found, recorded } = check(&filed, &record)? {
-            problems.push(format!(
-                "{} does not match what was recorded at closure: its SHA-256 is {found}, {recorded} is on record",
-                filed.file
-            ));
+        if let Some(difference) = check(&filed, &record)?.difference() {
+            problems
+                .push(format!("{} does not match what was recorded at closure: {difference}", filed.file));
         }
     }
     Ok(problems)

@@ -15,9 +15,11 @@ use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_engine::caller;
+use holdpoint_engine::recordings::{self, OnRecordError};
+use holdpoint_recordings::record::Recorded;
 use holdpoint_registry::{
-    BackupParts, Exporting, Layout, Rebuilt, StoreInfo, UnsignedRecords, backup, check_store, export_store,
-    rebuild, store_info,
+    BackupParts, Exporting, Layout, LeftOut, Rebuilt, RecordingOnRecord, RecordingsOf, StoreError, StoreInfo,
+    UnsignedRecords, Views, backup, check_store, export_store, rebuild, store_info,
 };
 use serde_json::json;
 
@@ -40,7 +42,7 @@ pub struct StoreArgs {
 pub enum StoreVerb {
     /// Makes the tables anew, keeps the damaged file beside them, and puts both on record.
     #[command(after_help = "\
-What the chain cannot tell is refused by name, and nothing is changed then. Evidence and signatures that are
+What the chain cannot tell is refused by name, and nothing is changed then. Evidence and signatures that are \
 lost are named; a version that rests on them has to be evaluated or approved again.
 
 Example:
@@ -55,8 +57,12 @@ Example:
     },
     /// Copies the store, also while an engine works on it; the copy is verified, and there whole or not at all.
     #[command(after_help = "\
-The copy has the database, checkpoints, telemetry, the site's profiles and all public keys. A name that ends with
-.db gets the database alone. Nothing is ever overwritten.
+The copy has the database, checkpoints, telemetry, the site's profiles and all public keys. A name that ends \
+with .db gets the database alone. Nothing is ever overwritten, and no copy is made in the store's own folder. It is \
+made in a folder of the same name with .part at its end, which must not be there either.
+
+With recordings, each is copied only if it is what was recorded at closure. What is left out is named; if that was on \
+record, the verb ends with 1.
 
 Examples:
   holdpoint store backup /mnt/backup/2026-11-22
@@ -118,7 +124,8 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
         }
         StoreVerb::Backup { to, with_keys, with_recordings } => {
             data::database(&context.data)?;
-            let parts = BackupParts { keys: *with_keys, recordings: *with_recordings };
+            let recordings = with_recordings.then_some(&recordings_of as &RecordingsOf<'_>);
+            let parts = BackupParts { keys: *with_keys, recordings };
             let report = backup(&context.data, to, parts).map_err(CliError::usage)?;
             let value = json!({ "copied": to.display().to_string(), "report": report });
             out.answer(&value, |out| {
@@ -128,9 +135,18 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
                     size(report.bytes),
                     counted(usize::try_from(report.files).unwrap_or(usize::MAX), "file"),
                     to.display()
-                ))
+                ))?;
+                if *with_recordings {
+                    let recordings = usize::try_from(report.recordings).unwrap_or(usize::MAX);
+                    out.line(&format!("with {}, each as recorded", counted(recordings, "recording")))?;
+                }
+                report.left_out.iter().try_for_each(|LeftOut { file, why, bad }| {
+                    let word = if *bad { "LEFT OUT" } else { "left out" };
+                    out.line(&format!("{word}  {file}: {why}"))
+                })
             })?;
-            Ok(Exit::Confirmed)
+            let lacks = report.left_out.iter().any(|left| left.bad);
+            Ok(if lacks { Exit::Rejected } else { Exit::Confirmed })
         }
         StoreVerb::Check => {
             data::database(&context.data)?;
@@ -166,6 +182,24 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut Output<'_>) -> Resu
             Ok(Exit::Confirmed)
         }
     }
+}
+
+/// What the record of a store says of its recordings.
+fn recordings_of(views: &Views) -> Result<Vec<RecordingOnRecord>, StoreError> {
+    let on_record = recordings::on_record(views).map_err(|error| match error {
+        OnRecordError::Store(error) => error,
+        OnRecordError::Form(error) => StoreError::Invalid {
+            what: "record of a recording",
+            value: error.to_string(),
+            allowed: "one in the form of this program".to_owned(),
+        },
+    })?;
+    let of = |recorded: &Recorded| RecordingOnRecord {
+        file: recorded.file.clone(),
+        sha256: recorded.sha256,
+        bytes: recorded.bytes,
+    };
+    Ok(on_record.kept().map(of).collect())
 }
 
 fn told(info: &StoreInfo, out: &mut Output<'_>) -> Result<(), CliError> {

@@ -1,5 +1,6 @@
 //! `holdpoint audit verify`: the whole history, against copies of it, with what belongs to it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -16,6 +17,7 @@ use holdpoint_registry::{
     ExportReport, JudgedBy, Layout, MissingBatches, Place, VerifyError, VerifyReport, is_exported,
     verify_against, verify_export,
 };
+use holdpoint_text::file::kind_of;
 
 /// The most copies that are named at once.
 const COPIES_MAX: usize = 64;
@@ -46,7 +48,10 @@ pub(super) fn run(context: &CliContext, args: &VerifyArgs, out: &mut Output<'_>)
     let layout = Layout::new(&context.data);
     let database = args.file.clone().unwrap_or_else(|| layout.database());
     if !database.is_file() {
-        return Err(CliError::usage(format!("there is no database {database:?}")));
+        return Err(CliError::usage(match fs::symlink_metadata(&database) {
+            Ok(found) => format!("{database:?} is no database: it is {}", kind_of(&found)),
+            Err(_) => format!("there is no database {database:?}"),
+        }));
     }
     if args.against.len() > COPIES_MAX {
         return Err(CliError::usage(format!("--against can be given {COPIES_MAX} times at most")));
@@ -107,14 +112,13 @@ fn check_recordings(context: &CliContext, bar: &LateBar) -> Result<Result<u64, S
     let (mut read, mut good) = (0, 0);
     for filed in &files {
         bar.tell("bytes of recordings", read, bytes);
-        match recordings::check(filed, &record)? {
+        let checked = recordings::check(filed, &record)?;
+        match checked {
             FileCheck::Matches => good += 1,
             FileCheck::NotOnRecord => {}
-            FileCheck::Differs { found, recorded } => {
-                return Ok(Err(format!(
-                    "the recording {:?} is bad: its SHA-256 is {found}, {recorded} was recorded at closure",
-                    filed.file
-                )));
+            FileCheck::Differs { .. } | FileCheck::OtherSize { .. } => {
+                let difference = checked.difference().unwrap_or_default();
+                return Ok(Err(format!("the recording {:?} is bad: {difference}", filed.file)));
             }
         }
         read += filed.bytes;

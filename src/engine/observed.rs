@@ -10,6 +10,7 @@ mod replay;
 pub(crate) mod tally;
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 
 use serde::Serialize;
 
@@ -25,11 +26,11 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::{RollbackRecord, TriggerKind};
 use holdpoint_governance::stats::StatsError;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{StoreError, TelemetryViews, Views};
+use holdpoint_registry::{LyingBatch, StoreError, TelemetryViews, Views};
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_text::Hint;
 
-use self::history::{Control, History};
+use self::history::{Control, History, Seal};
 use self::replay::{Replayer, RulesInForce, VersionOnRecord};
 use crate::doubt::Confirmation;
 use crate::kept_task::{KeptMarks, LIVE};
@@ -124,7 +125,7 @@ pub struct Coverage {
     pub removed_batches: u64,
     /// Batches of live tasks that were not sealed before the engine that kept them had ended; in no rate.
     pub late_batches: u64,
-    /// Batches of live tasks that are not what was sealed, or cannot be read.
+    /// Batches, of any kind, that are not what the audit chain seals, or of live tasks and cannot be read; in no rate.
     pub damaged_batches: u64,
 }
 
@@ -178,12 +179,11 @@ fn observe_under(
     let to_record = views.head()?.seq;
     let history = History::read(views, to_record)?;
     let mut coverage = Coverage { from_record, to_record, ..Coverage::default() };
-    let tasks = live_tasks(&history, telemetry, &mut coverage)?;
+    let LiveTelemetry { tasks, intact } = live_tasks(&history, telemetry, &mut coverage)?;
     let there = telemetry.map(TelemetryViews::numbers).transpose()?.unwrap_or_default();
-    let is_removed = |batch: u64| !there.contains(&batch);
     let in_span = |seq: u64| seq >= from_record;
-    let sealed = history.sealed.iter().filter(|(batch, seq)| in_span(**seq) && is_removed(**batch));
-    coverage.removed_batches = sealed.count() as u64;
+    let removed = history.sealed.iter().filter(|(batch, seal)| in_span(seal.seq) && !there.contains(batch));
+    coverage.removed_batches = removed.count() as u64;
     let replayer = Replayer::new(views, &history, frames, environment);
     let mut reader =
         StoreReader { replayer: &replayer, tasks: &tasks, from_record, seen: Observations::default() };
@@ -191,7 +191,8 @@ fn observe_under(
     for (registered, id, baseline) in &history.registered {
         let of = VersionOnRecord::read(views, id)?;
         let is_whole = |from: u64, to: u64| {
-            !history.sealed.iter().any(|(batch, seq)| (from..=to).contains(seq) && is_removed(*batch))
+            let mut within = history.sealed.iter().filter(|(_, seal)| (from..=to).contains(&seal.seq));
+            within.all(|(batch, _)| intact.contains(batch))
         };
         for (record, replay) in reader.replays(&of, is_whole) {
             if replay != Replay::Equal {
@@ -234,21 +235,38 @@ fn observe_under(
     Ok(StoreMetrics { coverage, metrics: ObservedMetrics::of(&reader.seen)?, unequal })
 }
 
-/// Every live task that telemetry has left, in order.
+/// What is left of telemetry that is what the chain seals.
+#[derive(Default)]
+struct LiveTelemetry {
+    /// Every live task, in order.
+    tasks: Vec<LiveTask>,
+    /// Batches of any kind.
+    intact: BTreeSet<u64>,
+}
+
 fn live_tasks(
     history: &History,
     telemetry: Option<&TelemetryViews>,
     coverage: &mut Coverage,
-) -> Result<Vec<LiveTask>, StoreError> {
-    let mut tasks = Vec::new();
+) -> Result<LiveTelemetry, StoreError> {
+    let mut left = LiveTelemetry::default();
     let (Some(telemetry), Some((last, _))) = (telemetry, history.sealed.last_key_value()) else {
-        return Ok(tasks);
+        return Ok(left);
     };
-    telemetry.each_batch(LIVE, *last, |(number, batch)| {
+    telemetry.each_batch(*last, |LyingBatch { number, digest, batch }| {
         // What is not sealed yet is not on record.
-        let Some(seq) = history.sealed.get(&number) else { return };
+        let Some(Seal { seq, digest: sealed }) = history.sealed.get(&number) else { return };
+        let in_span = u64::from(*seq >= coverage.from_record);
+        if digest != *sealed {
+            coverage.damaged_batches += in_span;
+            return;
+        }
+        left.intact.insert(number);
+        if batch.as_ref().is_some_and(|batch| batch.stream != LIVE) {
+            return;
+        }
         if history.sealed_late.contains(&number) {
-            coverage.late_batches += u64::from(*seq >= coverage.from_record);
+            coverage.late_batches += in_span;
             return;
         }
         let read = batch.and_then(|batch| {
@@ -257,10 +275,10 @@ fn live_tasks(
             Some((batch.version, task, kept))
         });
         let Some((version, task, marks)) = read else {
-            coverage.damaged_batches += u64::from(*seq >= coverage.from_record);
+            coverage.damaged_batches += in_span;
             return;
         };
-        tasks.push(LiveTask {
+        left.tasks.push(LiveTask {
             seq: *seq,
             version,
             values: task.values(),
@@ -270,7 +288,7 @@ fn live_tasks(
             marks,
         });
     })?;
-    Ok(tasks)
+    Ok(left)
 }
 
 /// Collects what is observed, version by version.

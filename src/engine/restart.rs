@@ -20,7 +20,7 @@ use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{EvidenceEntry, FoundTelemetry, Interrupted};
+use holdpoint_registry::{EvidenceEntry, FoundTelemetry, Interrupted, SetAside};
 
 /// Finishes or undoes what an interrupted engine left, and says so.
 pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<(), Fault> {
@@ -57,18 +57,24 @@ pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<
 /// What became of telemetry since the last engine is on record before anything else is: what nobody had sealed is sealed
 /// as found, what is not there any more is told.
 fn take_in_telemetry(record: &mut Record) -> Result<(), Fault> {
-    let FoundTelemetry { changes, missing, .. } = record.ledger().store().opening().telemetry.clone();
+    let FoundTelemetry { changes, missing, aside, .. } = record.ledger().store().opening().telemetry.clone();
     if !changes.is_empty() {
         record.write(changes, Vec::new())?;
     }
-    if missing > 0 {
-        let text = format!(
+    let text = match aside.last() {
+        // The newest: the record names all.
+        Some(SetAside { file, problem }) => format!(
+            "telemetry.db was put aside and is kept as {file}; the new one has every sealed batch but {missing}, and what \
+             these held is in no metric; why: {problem}"
+        ),
+        None if missing > 0 => format!(
             "{missing} sealed batches of telemetry are not in the store's telemetry.db any more, and no record says why: \
              somebody removed them or the file, or the disk lost it; what they held is in no metric; if there is a copy \
              of the store, `holdpoint metrics` and `audit verify` tell there what it was"
-        );
-        record.raise(AlarmKey::TelemetryMissed, Priority::High, true, &text);
-    }
+        ),
+        None => return Ok(()),
+    };
+    record.raise(AlarmKey::TelemetryMissed, Priority::High, true, &text);
     Ok(())
 }
 

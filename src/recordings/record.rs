@@ -5,6 +5,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::io;
 
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +13,8 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_governance::words::Word;
 use holdpoint_text::Hint;
+
+use super::folder::{self, Filed};
 
 /// The kind of record that a closed recording leaves; its subject is the version.
 pub const KIND: RecordKind = RecordKind::Recording;
@@ -71,8 +74,31 @@ pub enum FileCheck {
         /// The one on record.
         recorded: Digest,
     },
+    /// It has another size than on record; nothing of it was read.
+    OtherSize {
+        /// Bytes of the file now.
+        found: u64,
+        /// Those on record.
+        recorded: u64,
+    },
     /// Its upgrade was not closed, or closed without it.
     NotOnRecord,
+}
+
+impl FileCheck {
+    /// How it differs from what was closed, for people; `None` if it does not, or nothing was.
+    #[must_use]
+    pub fn difference(&self) -> Option<String> {
+        match self {
+            Self::Matches | Self::NotOnRecord => None,
+            Self::Differs { found, recorded } => {
+                Some(format!("its SHA-256 is {found}, {recorded} was recorded at closure"))
+            }
+            Self::OtherSize { found, recorded } => {
+                Some(format!("it has {found} bytes, {recorded} were recorded at closure"))
+            }
+        }
+    }
 }
 
 /// A record of one of the two kinds that has another form.
@@ -121,13 +147,53 @@ impl OnRecord {
         self.0.values().filter(|standing| standing.removed.is_none()).filter_map(|one| one.recorded.as_ref())
     }
 
-    /// Compares a file with what is on record of it; `found` is its digest now.
-    #[must_use]
-    pub fn check(&self, file: &str, found: Digest) -> FileCheck {
-        match self.recorded(file) {
+    /// Compares a file with what is on record of it. One of another size is not read: it may have no end.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn check(&self, filed: &Filed) -> io::Result<FileCheck> {
+        Ok(match self.recorded(&filed.file) {
             None => FileCheck::NotOnRecord,
-            Some(recorded) if recorded.sha256 == found => FileCheck::Matches,
-            Some(recorded) => FileCheck::Differs { found, recorded: recorded.sha256 },
-        }
+            Some(recorded) if recorded.bytes != filed.bytes => {
+                FileCheck::OtherSize { found: filed.bytes, recorded: recorded.bytes }
+            }
+            Some(recorded) => match folder::digest(&filed.path)? {
+                found if found == recorded.sha256 => FileCheck::Matches,
+                found => FileCheck::Differs { found, recorded: recorded.sha256 },
+            },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::folder::list;
+
+    #[test]
+    fn a_file_of_another_size_is_not_read() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("a-1.0.0-00000000.rrd");
+        fs::write(&path, "abc").unwrap();
+        let recorded = Recorded {
+            file: "a-1.0.0-00000000.rrd".to_owned(),
+            sha256: folder::digest(&path).unwrap(),
+            bytes: 3,
+            pictures: 0,
+            dropped_pictures: 0,
+            dropped_events: 0,
+            outcome: UpgradeEnd::Confirmed.into(),
+        };
+        let standing = Standing { recorded: Some(recorded.clone()), removed: None };
+        let record = OnRecord([(recorded.file, standing)].into());
+        let check = || record.check(&list(root.path()).unwrap()[0]).unwrap();
+        assert_eq!(check(), FileCheck::Matches);
+        fs::write(&path, "abd").unwrap();
+        assert!(matches!(check(), FileCheck::Differs { .. }));
+        // To hash this much would take minutes.
+        fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
+        assert_eq!(check(), FileCheck::OtherSize { found: 1 << 40, recorded: 3 });
     }
 }

@@ -1,48 +1,87 @@
 //! A copy of a store, consistent while an engine works on it, verified, and there whole or not at all.
 //!
 //! The database is copied at one moment (SQLite's `VACUUM INTO`), then the checkpoints of that moment, then telemetry:
-//! what the chain seals of it was on disk before. Secrets stay where they are unless they are asked for.
+//! what the chain seals of it was on disk before. Secrets stay where they are unless they are asked for. Recordings are
+//! copied as far as they are what was recorded; what is left out is told.
 
-use std::fs::{self, DirBuilder, File};
-use std::io::ErrorKind;
-use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
-use std::path::{Path, PathBuf};
+use std::collections::BTreeSet;
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Component, Path, PathBuf};
 
 use rustix::fs::{CWD, RenameFlags, renameat_with};
 use serde::Serialize;
+use sha2::{Digest as _, Sha256};
 
 use super::checkpoint::{name, read_all};
 use super::error::StoreError;
 use super::exported::until;
 use super::layout::{Layout, sync_folder};
 use super::migrate::{STORE, TELEMETRY};
-use super::open::{copy_into, damaged, open_reader, remove_database};
+use super::open::{copy_into, damaged, open_reader};
 use super::signed;
 use super::unsound::VerifyError;
 use super::verify::{JudgedBy, Place, VerifyReport, verify_against};
+use super::views::Views;
 use holdpoint_approvals::keyfile;
+use holdpoint_governance::ids::Digest;
 use holdpoint_text::Hint;
+use holdpoint_text::file::{NO_LINK, regular};
 use std::borrow::Cow;
 
 /// What a copy holds beside the database, its checkpoints and the public keys.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct BackupParts {
+#[derive(Clone, Copy, Default)]
+pub struct BackupParts<'a> {
     /// Secret keys.
     pub keys: bool,
-    /// Recordings of scenes.
-    pub recordings: bool,
+    /// Recordings of scenes: those that this tells of the copied store.
+    pub recordings: Option<&'a RecordingsOf<'a>>,
+}
+
+/// Tells which recordings a store's record names.
+pub type RecordingsOf<'a> = dyn Fn(&Views) -> Result<Vec<RecordingOnRecord>, StoreError> + 'a;
+
+/// A recording that was closed and not removed since.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordingOnRecord {
+    /// Its name in the folder of recordings.
+    pub file: String,
+    /// SHA-256 of the file.
+    pub sha256: Digest,
+    pub bytes: u64,
+}
+
+/// A file that a copy is without.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    pub file: String,
+    pub why: String,
+    /// It is on record, and has to be there.
+    pub bad: bool,
 }
 
 /// The most files of one folder that are copied.
 const FILES_MAX: usize = 100_000;
 /// Folders below each other that are copied.
 const DEPTH_MAX: usize = 4;
+/// The database of a copy that is nothing else, while it is made.
+const ALONE: &str = "copy.db";
 
 /// A copy that was not made.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// What is there is never touched.
+    #[error("{0:?} is there already, and nothing is overwritten")]
+    Exists(PathBuf),
+    /// The place where the copy would be made.
+    #[error("the copy would be made as {0:?}, which is there already")]
+    PartExists(PathBuf),
+    /// A copy in the store would be lost with it, and be in the next one.
+    #[error("{0:?} is in the store's own folder")]
+    Inside(PathBuf),
     /// What was copied is not sound; the copy is gone again.
     #[error("the copy is not sound and was removed: {0}")]
     NotSound(Box<VerifyError>),
@@ -52,6 +91,11 @@ impl Hint for BackupError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),
+            Self::Exists(_) => Some("choose a name that is not there".into()),
+            Self::PartExists(_) => {
+                Some("if a backup that was ended left it, remove it; or choose another name".into())
+            }
+            Self::Inside(_) => Some("choose a place outside of it, best on another disk".into()),
             Self::NotSound(_) => {
                 Some("`holdpoint audit verify` says whether the store itself is sound".into())
             }
@@ -68,33 +112,48 @@ pub struct BackupReport {
     pub bytes: u64,
     /// Whether secret keys are among them.
     pub keys: bool,
+    /// Recordings that were copied, each what was recorded at closure.
+    pub recordings: u64,
+    /// Recordings that were asked for and are not in the copy.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// Copies a store. `to` must not exist: with the ending `db` it becomes the database alone, else a folder.
 ///
 /// # Errors
 /// [`BackupError`]; nothing is left then.
-pub fn backup(folder: &Path, to: &Path, parts: BackupParts) -> Result<BackupReport, BackupError> {
+pub fn backup(folder: &Path, to: &Path, parts: BackupParts<'_>) -> Result<BackupReport, BackupError> {
     let layout = Layout::new(folder);
     if fs::symlink_metadata(to).is_ok() {
-        return Err(StoreError::Exists { what: "file or folder", name: to.display().to_string() }.into());
+        return Err(BackupError::Exists(to.to_owned()));
     }
-    let beside = part_of(to)?;
-    remove(&beside)?;
-    let made = make(&layout, &beside, to, parts).and_then(|report| {
-        renameat_with(CWD, &beside, CWD, to, RenameFlags::NOREPLACE)
-            .map_err(|error| StoreError::io("rename", &beside)(error.into()))?;
-        to.parent().filter(|parent| !parent.as_os_str().is_empty()).map_or(Ok(()), sync_folder)?;
+    let parent = to.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let whole = |path: &Path| fs::canonicalize(path).map_err(StoreError::io("find", path));
+    if whole(parent)?.starts_with(whole(folder)?) {
+        return Err(BackupError::Inside(to.to_owned()));
+    }
+    // Only what is made here is ever removed.
+    let part = part_of(to)?;
+    match DirBuilder::new().mode(0o700).create(&part) {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(BackupError::PartExists(part)),
+        made => made.map_err(StoreError::io("make the folder", &part))?,
+    }
+    let alone = to.extension().is_some_and(|ending| ending == "db");
+    let made = make(&layout, &part, alone, parts).and_then(|report| {
+        let whole = if alone { part.join(ALONE) } else { part.clone() };
+        renameat_with(CWD, &whole, CWD, to, RenameFlags::NOREPLACE)
+            .map_err(|error| StoreError::io("rename", &whole)(error.into()))?;
+        sync_folder(parent)?;
         Ok(report)
     });
-    if made.is_err() {
-        // What went wrong matters more than a leftover, which the next one removes.
-        drop(remove(&beside));
+    if made.is_err() || alone {
+        // What went wrong matters more than a leftover.
+        drop(fs::remove_dir_all(&part));
     }
     made
 }
 
-/// The name under which the copy is made.
+/// The folder in which the copy is made.
 fn part_of(to: &Path) -> Result<PathBuf, StoreError> {
     let name =
         to.file_name().ok_or_else(|| StoreError::invalid("copy", to.display(), "a new file or folder"))?;
@@ -103,36 +162,48 @@ fn part_of(to: &Path) -> Result<PathBuf, StoreError> {
     Ok(to.with_file_name(part))
 }
 
-fn remove(path: &Path) -> Result<(), StoreError> {
-    match fs::symlink_metadata(path) {
-        Ok(found) if found.is_dir() => fs::remove_dir_all(path).map_err(StoreError::io("remove", path)),
-        Ok(_) => remove_database(path),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(StoreError::io("read", path)(error)),
-    }
-}
-
-fn make(layout: &Layout, part: &Path, to: &Path, parts: BackupParts) -> Result<BackupReport, BackupError> {
+fn make(
+    layout: &Layout,
+    part: &Path,
+    alone: bool,
+    parts: BackupParts<'_>,
+) -> Result<BackupReport, BackupError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
     let judged = JudgedBy { key: key.as_ref(), against: &[], place: Place::Copy, tell: &|_, _, _| {} };
-    let alone = to.extension().is_some_and(|ending| ending == "db");
-    let database = if alone { part.to_owned() } else { copy_folder(layout, part, parts)? };
-    if alone {
-        copy_into(&layout.database(), &STORE, part)?;
-        sync(part)?;
-    }
+    let mut scenes = Scenes::default();
+    let database = if alone {
+        let database = part.join(ALONE);
+        copy_into(&layout.database(), &STORE, &database)?;
+        sync(&database)?;
+        database
+    } else {
+        copy_folder(layout, part, parts, &mut scenes)?
+    };
     let verified = match verify_against(&database, &judged) {
         Ok(verified) => verified,
         Err(VerifyError::Unreadable(error)) => return Err(error.into()),
         Err(error) => return Err(BackupError::NotSound(Box::new(error))),
     };
     let (mut files, mut bytes) = (0, 0);
-    count(part, &mut files, &mut bytes)?;
-    Ok(BackupReport { verified, files, bytes, keys: parts.keys && !alone })
+    count(if alone { &database } else { part }, &mut files, &mut bytes)?;
+    let Scenes { copied, left_out } = scenes;
+    Ok(BackupReport { verified, files, bytes, keys: parts.keys && !alone, recordings: copied, left_out })
+}
+
+/// What became of recordings.
+#[derive(Default)]
+struct Scenes {
+    copied: u64,
+    left_out: Vec<LeftOut>,
 }
 
 /// Fills the folder of a copy. Tells its database.
-fn copy_folder(layout: &Layout, part: &Path, parts: BackupParts) -> Result<PathBuf, StoreError> {
+fn copy_folder(
+    layout: &Layout,
+    part: &Path,
+    parts: BackupParts<'_>,
+    scenes: &mut Scenes,
+) -> Result<PathBuf, StoreError> {
     let copy = Layout::new(part);
     for folder in [part.to_owned(), copy.keys(), copy.identities(), copy.checkpoints()] {
         make_folder(&folder)?;
@@ -156,12 +227,96 @@ fn copy_folder(layout: &Layout, part: &Path, parts: BackupParts) -> Result<PathB
     let secret = |path: &Path| path.extension().is_none_or(|ending| ending != "pub");
     copy_tree(&layout.keys(), &copy.keys(), DEPTH_MAX, &|path| parts.keys || !secret(path))?;
     copy_tree(&layout.profiles(), &copy.profiles(), DEPTH_MAX, &|_| true)?;
-    if parts.recordings {
-        copy_tree(&layout.recordings(), &copy.recordings(), DEPTH_MAX, &|_| true)?;
+    if let Some(recordings_of) = parts.recordings {
+        let on_record = recordings_of(&Views::open(&copy.database())?)?;
+        copy_recordings(layout, &copy, &on_record, scenes)?;
     }
     sync_tree(part)?;
     Ok(copy.database())
 }
+
+/// Copies the recordings on record, each only if it is what was recorded, and never more of it than that.
+fn copy_recordings(
+    layout: &Layout,
+    copy: &Layout,
+    on_record: &[RecordingOnRecord],
+    scenes: &mut Scenes,
+) -> Result<(), StoreError> {
+    make_folder(&copy.recordings())?;
+    let folder = layout.recordings();
+    let mut named = BTreeSet::new();
+    for recording in on_record {
+        let plain = Path::new(&recording.file).components().eq([Component::Normal(recording.file.as_ref())]);
+        let why = if plain { copy_recording(&folder, &copy.recordings(), recording)? } else { Some(NO_NAME) };
+        match why {
+            None => scenes.copied += 1,
+            Some(why) => {
+                let file = recording.file.clone();
+                scenes.left_out.push(LeftOut { file, why: why.to_owned(), bad: true });
+            }
+        }
+        named.insert(recording.file.as_str());
+    }
+    if !folder.is_dir() {
+        return Ok(());
+    }
+    let mut others = Vec::new();
+    for entry in fs::read_dir(&folder).map_err(StoreError::io("list", &folder))?.take(FILES_MAX) {
+        let name = entry.map_err(StoreError::io("list", &folder))?.file_name();
+        let name = name.to_string_lossy().into_owned();
+        if !named.contains(name.as_str()) {
+            let why =
+                "it is not on record: its upgrade is not closed, or it is none of the store's".to_owned();
+            others.push(LeftOut { file: name, why, bad: false });
+        }
+    }
+    others.sort_by(|a, b| a.file.cmp(&b.file));
+    scenes.left_out.extend(others);
+    Ok(())
+}
+
+/// Why a recording on record is no file of its folder.
+const NO_NAME: &str = "its name on record is none of a file";
+
+/// Copies a recording. Tells why not, where it is not what was recorded.
+fn copy_recording(
+    folder: &Path,
+    to: &Path,
+    recording: &RecordingOnRecord,
+) -> Result<Option<&'static str>, StoreError> {
+    let (from, to) = (folder.join(&recording.file), to.join(&recording.file));
+    let open = OpenOptions::new().read(true).custom_flags(NO_LINK).open(&from);
+    let file = match open {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            return Ok(Some("it is missing: it was recorded at closure, and no removal is on record"));
+        }
+        open => match open.and_then(regular) {
+            Ok(file) => file,
+            Err(_) => return Ok(Some("it is a link, no file, or cannot be read")),
+        },
+    };
+    let bytes = file.metadata().map_err(StoreError::io("read", &from))?.len();
+    if bytes != recording.bytes {
+        return Ok(Some("it has another size than was recorded at closure"));
+    }
+    let mut into = File::create_new(&to).map_err(StoreError::io("write", &to))?;
+    let (mut hasher, mut piece) = (Sha256::new(), vec![0; PIECE_BYTES]);
+    let mut file = file.take(recording.bytes);
+    loop {
+        let count = file.read(&mut piece).map_err(StoreError::io("read", &from))?;
+        let Some(read) = piece.get(..count).filter(|read| !read.is_empty()) else { break };
+        hasher.update(read);
+        into.write_all(read).map_err(StoreError::io("write", &to))?;
+    }
+    if Digest::from_bytes(hasher.finalize().into()) == recording.sha256 {
+        return Ok(None);
+    }
+    fs::remove_file(&to).map_err(StoreError::io("remove", &to))?;
+    Ok(Some("it has another SHA-256 than was recorded at closure"))
+}
+
+/// Bytes of a recording that are read at a time.
+const PIECE_BYTES: usize = 1 << 16;
 
 fn make_folder(path: &Path) -> Result<(), StoreError> {
     DirBuilder::new()

@@ -24,6 +24,8 @@ pub const TEXT_BYTES_MAX: usize = 4096;
 pub const BLOCK_BATCHES_MAX: usize = 64;
 /// The most runs of missing batches that one record tells; the last one reaches to the end of what is missing.
 pub const GAPS_MAX: usize = 64;
+/// Telemetry files that were put aside in one record at most.
+pub(crate) const ASIDE_MAX: usize = 64;
 /// The most changes in one transaction.
 pub const CHANGES_MAX: usize = 256;
 /// The most records a caller may add to one transaction.
@@ -246,6 +248,9 @@ pub enum Change {
     MissTelemetry {
         /// Numbers, first and last, of each run of them.
         gaps: Vec<[u64; 2]>,
+        /// Telemetry files that were put aside and are kept, at most 64.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        aside: Vec<SetAside>,
     },
     /// One batch of telemetry, as earlier versions of the program sealed it.
     SealTelemetry {
@@ -274,6 +279,15 @@ pub enum Change {
         /// All of it, JSON text.
         json: String,
     },
+}
+
+/// A telemetry file that no engine reads any more.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetAside {
+    /// Its name in the store's folder.
+    pub file: String,
+    /// Why it was put aside.
+    pub problem: String,
 }
 
 /// A batch as it is kept; what [`Change::SealTelemetryBlock`] takes.

@@ -8,12 +8,13 @@ use std::path::Path;
 use rusqlite::Connection;
 use serde::Serialize;
 
+use super::aside::wrong_shape;
 use super::audit::{self, Head};
 use super::backup::count;
 use super::checkpoint::{Checkpoint, names, read_all};
 use super::error::StoreError;
-use super::layout::{Layout, lock_owner};
-use super::migrate::STORE;
+use super::layout::{Layout, lock_owner, size};
+use super::migrate::{STORE, TELEMETRY};
 use super::open::{damaged, open_reader};
 use super::shape::first_difference;
 use super::signed;
@@ -144,13 +145,14 @@ pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
         Some(problem) => bad(format!("The tables are not those of this program: {problem}.")),
     }];
     let head = audit::head(&connection).map_err(&failed)?;
+    found.extend(telemetry_file(&layout)?);
     found.push(counted_records(&connection, head)?);
     found.push(signed_end(&layout, &connection, head));
     found.push(store_key(&layout));
     found.push(if info.free_bytes < FREE_BYTES_MIN {
-        bad(format!("Only {} MiB are free where the store lies.", info.free_bytes >> 20))
+        bad(format!("Only {} are free where the store lies.", size(info.free_bytes)))
     } else {
-        good(format!("{} MiB are free where the store lies.", info.free_bytes >> 20))
+        good(format!("{} are free where the store lies.", size(info.free_bytes)))
     });
     found.push(match &info.in_use_by {
         Some(owner) => good(format!("The store is in use by {owner}.")),
@@ -163,6 +165,27 @@ pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
         });
     }
     Ok(found)
+}
+
+/// The shape of the telemetry file, if there is one; whether its batches are what was sealed, the verifier says.
+fn telemetry_file(layout: &Layout) -> Result<Option<Looked>, StoreError> {
+    let path = layout.telemetry();
+    if fs::symlink_metadata(&path).is_err() {
+        return Ok(None);
+    }
+    let problem = match open_reader(&path, &TELEMETRY) {
+        Ok(connection) => {
+            wrong_shape(&connection, &TELEMETRY).map_err(StoreError::sql("read the store's telemetry"))?
+        }
+        Err(StoreError::Refused { problem, .. }) => Some(problem),
+        Err(error) => return Err(error),
+    };
+    Ok(Some(match problem {
+        None => good("The telemetry file is as this program makes it."),
+        Some(problem) => bad(format!(
+            "The telemetry file is not as this program makes it: {problem}; the next engine puts it aside."
+        )),
+    }))
 }
 
 fn counted_records(connection: &Connection, head: Head) -> Result<Looked, StoreError> {

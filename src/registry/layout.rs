@@ -232,6 +232,17 @@ fn utc_now() -> String {
     utc(secs)
 }
 
+/// A size for people, in the largest unit of which there is one.
+#[must_use]
+pub fn size(bytes: u64) -> String {
+    let units = [("GiB", 1_u64 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)];
+    units.into_iter().find(|(_, unit)| bytes >= *unit).map_or_else(
+        || format!("{bytes} B"),
+        // A fraction of a unit to one digit.
+        |(name, unit)| format!("{:.1} {name}", bytes as f64 / unit as f64),
+    )
+}
+
 /// Seconds since 1970 as `2026-11-21 02:10:24 UTC` (civil-from-days, Howard Hinnant).
 #[must_use]
 pub fn utc(secs: u64) -> String {
@@ -252,7 +263,21 @@ pub fn utc(secs: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::utc;
+    use super::{size, utc};
+
+    #[test]
+    fn sizes() {
+        for (bytes, text) in [
+            (0, "0 B"),
+            (1_023, "1023 B"),
+            (1_536, "1.5 KiB"),
+            (5 << 20, "5.0 MiB"),
+            (1_023 << 20, "1023.0 MiB"),
+            (37 << 30, "37.0 GiB"),
+        ] {
+            assert_eq!(size(bytes), text);
+        }
+    }
 
     #[test]
     fn dates() {

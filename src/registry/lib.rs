@@ -10,6 +10,7 @@ mod administrator;
 mod apply;
 mod appointment;
 mod approve;
+mod aside;
 mod audit;
 mod backup;
 mod change;
@@ -48,6 +49,7 @@ mod store_id;
 mod structure;
 mod taken;
 mod telemetry;
+mod telemetry_views;
 mod unsound;
 mod verify;
 mod version;
@@ -57,10 +59,10 @@ mod witness;
 pub use administrator::FIRST_ADMINISTRATOR;
 pub use appointment::{add_witness, remove_witness};
 pub use audit::{ExportError, Head};
-pub use backup::{BackupError, BackupParts, BackupReport, backup};
+pub use backup::{BackupError, BackupParts, BackupReport, LeftOut, RecordingOnRecord, RecordingsOf, backup};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, BatchReceipt, CHANGES_MAX, Change,
-    NewVersion, Receipt, TEXT_BYTES_MAX, Transaction,
+    NewVersion, Receipt, SetAside, TEXT_BYTES_MAX, Transaction,
 };
 pub use checkpoint::{Checkpoint, Link};
 pub use entries::{
@@ -72,7 +74,7 @@ pub use exported::{ExportReport, Exporting, export_store, is_exported, verify_ex
 pub use info::{Looked, StoreInfo, check_store, store_info};
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use kept::{Found, KeptCells, KeptSecret};
-pub use layout::{Layout, utc};
+pub use layout::{Layout, size, utc};
 pub use lost::{DifferingRow, Rebuilt};
 pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, prove_record};
 pub use rebuild::{UnsignedRecords, rebuild};
@@ -80,7 +82,8 @@ pub use recovery::Interrupted;
 pub use seals::FoundTelemetry;
 pub use store::{Opening, Store};
 pub use taken::UnreadStore;
-pub use telemetry::{Batch, EpisodeKey, NumberedBatch, TelemetryLimits, TelemetryViews};
+pub use telemetry::{Batch, EpisodeKey, TelemetryLimits};
+pub use telemetry_views::{LyingBatch, TelemetryViews};
 pub use unsound::VerifyError;
 pub use verify::{JudgedBy, MissingBatches, Place, VerifyReport, verify, verify_against, verify_copy};
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};

@@ -25,7 +25,11 @@ pub(crate) const STORE: Schema = Schema {
 /// The telemetry, `telemetry.db`: "HPT2".
 pub(crate) const TELEMETRY: Schema = Schema {
     application_id: 0x4850_5432,
-    steps: &[include_str!("schema/telemetry-1.sql"), include_str!("schema/telemetry-2.sql")],
+    steps: &[
+        include_str!("schema/telemetry-1.sql"),
+        include_str!("schema/telemetry-2.sql"),
+        include_str!("schema/telemetry-3.sql"),
+    ],
 };
 
 impl Schema {

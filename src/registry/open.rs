@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read};
 use std::os::unix::fs::MetadataExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rusqlite::config::DbConfig;
@@ -16,6 +16,7 @@ use rusqlite::{Connection, OpenFlags};
 use super::error::StoreError;
 use super::layout::sync_folder;
 use super::migrate::{Schema, migrate};
+use holdpoint_text::file::kind_of;
 
 /// The oldest SQLite without the WAL-reset bug.
 const SQLITE_MIN: i32 = 3_051_003;
@@ -37,6 +38,13 @@ pub(crate) const HINT_FOREIGN_KEY: &str =
 /// What helps where the two files of the store's key are of two keys.
 const HINT_TWO_KEYS: &str =
     "put both files back from a backup; if store.key is the right one, take this file away: it is made anew";
+/// What helps where something else has the name of a log.
+const HINT_LOG: &str = "put back from a backup what was there, or remove it; the newest records are gone then, if they were in it";
+/// What helps where something else has the name of the index of a log.
+const HINT_INDEX: &str = "remove it: SQLite makes it anew";
+/// What helps with telemetry that is not as it has to be.
+const HINT_TELEMETRY: &str =
+    "the next start of an engine puts it aside, and takes over into a new one what the audit chain seals";
 /// What helps with a file that is not ours.
 const HINT_FOREIGN: &str =
     "choose another folder with --data; if a store was here, its file is damaged: restore it from a backup";
@@ -144,26 +152,38 @@ fn check_library() -> Result<(), StoreError> {
 }
 
 fn open_read_only(path: &Path) -> Result<Connection, StoreError> {
+    let connection = read_only(path).map_err(|error| damaged(path, &error.to_string()))?;
+    configure(&connection)?;
+    Ok(connection)
+}
+
+/// Opens a database whose header was looked at, for reading only, with SQLite's own error.
+pub(crate) fn open_sound(path: &Path) -> rusqlite::Result<Connection> {
+    let connection = read_only(path)?;
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false)?;
+    connection
+        .execute_batch("PRAGMA cell_size_check = 1; PRAGMA query_only = 1; PRAGMA busy_timeout = 5000")?;
+    Ok(connection)
+}
+
+fn read_only(path: &Path) -> rusqlite::Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let open = |connection: rusqlite::Result<Connection>| -> rusqlite::Result<Connection> {
         let connection = connection?;
         connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get::<_, i64>(0))?;
         Ok(connection)
     };
-    let connection = open(Connection::open_with_flags(path, flags)).or_else(|error| {
+    open(Connection::open_with_flags(path, flags)).or_else(|error| {
         // A copy in a folder that cannot be written has no shared-memory file; without a log it needs none.
-        let log =
-            path.with_file_name(format!("{}-wal", path.file_name().unwrap_or_default().to_string_lossy()));
+        let log = beside(path, "-wal");
         let plain = path.to_str().is_some_and(|text| !text.contains(['?', '#', '%']));
         if error.sqlite_error_code() != Some(rusqlite::ErrorCode::CannotOpen) || log.exists() || !plain {
             return Err(error);
         }
         let uri = format!("file:{}?immutable=1", path.display());
         open(Connection::open_with_flags(uri, flags | OpenFlags::SQLITE_OPEN_URI))
-    });
-    let connection = connection.map_err(|error| damaged(path, &error.to_string()))?;
-    configure(&connection)?;
-    Ok(connection)
+    })
 }
 
 /// What every connection has, whatever it is for.
@@ -240,15 +260,22 @@ pub(crate) fn make(path: &Path, schema: &Schema) -> Result<Connection, StoreErro
     Ok(connection)
 }
 
+/// What SQLite keeps beside a database, by the endings of its names.
+pub(crate) const COMPANIONS: [&str; 3] = ["-wal", "-shm", "-journal"];
+
+/// A file that SQLite keeps beside a database.
+pub(crate) fn beside(path: &Path, ending: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(ending);
+    PathBuf::from(name)
+}
+
 /// Removes a database with everything SQLite keeps beside it, if it is there.
 pub(crate) fn remove_database(path: &Path) -> Result<(), StoreError> {
-    for ending in ["", "-journal", "-wal", "-shm"] {
-        let mut name = path.as_os_str().to_owned();
-        name.push(ending);
-        let leftover = Path::new(&name);
-        match fs::remove_file(leftover) {
+    for leftover in COMPANIONS.map(|ending| beside(path, ending)).into_iter().chain([path.to_owned()]) {
+        match fs::remove_file(&leftover) {
             Err(error) if error.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::io("remove", leftover)(error));
+                return Err(StoreError::io("remove", &leftover)(error));
             }
             Ok(()) | Err(_) => {}
         }
@@ -268,11 +295,10 @@ pub(crate) fn truncate_log(path: &Path) -> Result<(), StoreError> {
     }
     connection.close().map_err(|(_, source)| error(source))?;
     for ending in ["-wal", "-shm"] {
-        let mut name = path.as_os_str().to_owned();
-        name.push(ending);
+        let name = beside(path, ending);
         match fs::remove_file(&name) {
             Err(source) if source.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::io("remove", Path::new(&name))(source));
+                return Err(StoreError::io("remove", &name)(source));
             }
             Ok(()) | Err(_) => {}
         }
@@ -281,10 +307,20 @@ pub(crate) fn truncate_log(path: &Path) -> Result<(), StoreError> {
 }
 
 /// Looks at a file by its header alone: ours, not newer, not cut short.
-fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreError> {
+pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     let found = fs::symlink_metadata(path).map_err(StoreError::io("read", path))?;
     if !found.is_file() {
-        return Err(refused(path, "it is a link or not a file", HINT_FOREIGN));
+        let problem = format!("it is {}, and no file of its own", kind_of(&found));
+        return Err(refused(path, &problem, HINT_FOREIGN));
+    }
+    for (ending, hint) in COMPANIONS.into_iter().zip([HINT_LOG, HINT_INDEX, HINT_LOG]) {
+        let companion = beside(path, ending);
+        if let Ok(found) = fs::symlink_metadata(&companion)
+            && !found.is_file()
+        {
+            let problem = format!("it is {}, where SQLite keeps a file of its own", kind_of(&found));
+            return Err(refused(&companion, &problem, hint));
+        }
     }
     let mut header = [0u8; HEADER_BYTES];
     let mut file = File::open(path).map_err(StoreError::io("read", path))?;
@@ -309,7 +345,7 @@ fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreError> {
         return Err(refused(path, &problem, "use the version of holdpoint that wrote it, or a newer one"));
     }
     // With a write-ahead log the file may lag behind; `quick_check` then sees what is missing.
-    let log = path.with_file_name(format!("{}-wal", path.file_name().unwrap_or_default().to_string_lossy()));
+    let log = beside(path, "-wal");
     let log_bytes = fs::metadata(&log).map_or(0, |log| log.len());
     let page_bytes = match u64::from(u16::from_be_bytes([header[16], header[17]])) {
         1 => 65_536,
@@ -355,6 +391,11 @@ pub(crate) fn against(path: &Path, file: &str, problem: &str) -> StoreError {
         &format!("the head that a witness keeps in {file:?} speaks against it: {problem}"),
         HINT_WITNESS,
     )
+}
+
+/// A telemetry file that is not as this program makes it.
+pub(crate) fn not_telemetry(path: &Path, problem: &str) -> StoreError {
+    refused(path, problem, HINT_TELEMETRY)
 }
 
 /// A file that is damaged or cut short.

@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::apply::{Applier, Touched, check_int};
-use super::change::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX};
+use super::aside::is_name_of_aside;
+use super::change::{ASIDE_MAX, BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX};
 use super::error::StoreError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::RecordKind;
@@ -23,9 +24,16 @@ impl Applier<'_> {
                 check_int("batch", *through)?;
                 Ok(Touched::new(RecordKind::TelemetryPruned, ""))
             }
-            Change::MissTelemetry { gaps } => {
-                if gaps.is_empty() || gaps.len() > GAPS_MAX {
+            Change::MissTelemetry { gaps, aside } => {
+                if (gaps.is_empty() && aside.is_empty()) || gaps.len() > GAPS_MAX {
                     return Err(StoreError::invalid("runs of missing batches", gaps.len(), "1 to 64"));
+                }
+                if aside.len() > ASIDE_MAX || !aside.iter().all(|file| is_name_of_aside(&file.file)) {
+                    return Err(StoreError::invalid(
+                        "files put aside",
+                        aside.len(),
+                        "at most 64, by their names",
+                    ));
                 }
                 for [first, last] in gaps {
                     check_int("batch", *last)?;

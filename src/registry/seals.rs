@@ -1,9 +1,14 @@
 //! What the audit chain says of telemetry, in numbers: how far it is sealed, how far it was removed, and what is known
 //! to be missing. Batches are numbered from 1 on without a gap, so that these few numbers say of each what became of it.
 
+use std::collections::BTreeMap;
+
+use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
 
-use super::change::Change;
+use super::change::{Change, SetAside};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::RecordKind;
 
 /// The most batches between two that are looked at one by one; at 32 tasks a batch, more than a decade of them.
 const EACH_MAX: u64 = 10_000_000;
@@ -116,6 +121,42 @@ pub struct FoundTelemetry {
     pub missing: u64,
     /// Batches that nobody had sealed when the last engine ended.
     pub unsealed: u64,
+    /// Telemetry files that were put aside and that no record names yet.
+    pub aside: Vec<SetAside>,
+}
+
+#[derive(Deserialize)]
+struct SealBody<C> {
+    change: C,
+}
+
+#[derive(Deserialize)]
+struct SealedOne {
+    batch: u64,
+    digest: Digest,
+}
+
+#[derive(Deserialize)]
+struct SealedBlock {
+    batches: Vec<SealedOne>,
+}
+
+/// Every batch that the chain seals, with its digest; the last seal of a number counts.
+pub(crate) fn sealed_digests(connection: &Connection) -> rusqlite::Result<BTreeMap<u64, Digest>> {
+    let (one, block) =
+        (RecordKind::TelemetrySealed.to_string(), RecordKind::TelemetryBlockSealed.to_string());
+    let mut select = connection.prepare("SELECT body FROM audit WHERE kind IN (?1, ?2) ORDER BY seq")?;
+    let mut rows = select.query(params![one, block])?;
+    let mut sealed = BTreeMap::new();
+    while let Some(row) = rows.next()? {
+        let body = row.get_ref(0)?.as_str()?;
+        if let Ok(SealBody { change: SealedBlock { batches } }) = serde_json::from_str(body) {
+            sealed.extend(batches.into_iter().map(|one| (one.batch, one.digest)));
+        } else if let Ok(SealBody { change: SealedOne { batch, digest } }) = serde_json::from_str(body) {
+            sealed.insert(batch, digest);
+        }
+    }
+    Ok(sealed)
 }
 
 /// How far a transaction that is on disk seals telemetry, and how far it removes it; 0 if it does not.

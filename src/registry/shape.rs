@@ -27,6 +27,18 @@ pub(crate) fn first_difference(connection: &Connection, schema: &Schema) -> rusq
     Ok(found.into_keys().next().map(|(kind, name)| format!("the {kind} {name:?} is not of this program")))
 }
 
+/// Whether a table is there, as the newest schema makes it.
+///
+/// # Errors
+/// If the database cannot be read.
+pub(crate) fn has_table(connection: &Connection, schema: &Schema, name: &str) -> rusqlite::Result<bool> {
+    let mut newest = Connection::open_in_memory()?;
+    migrate_to(&mut newest, schema, schema.newest())?;
+    let key = ("table".to_owned(), name.to_owned());
+    let (expected, found) = (parts(&newest)?, parts(connection)?);
+    Ok(found.contains_key(&key) && found.get(&key) == expected.get(&key))
+}
+
 fn parts(connection: &Connection) -> rusqlite::Result<SchemaParts> {
     let mut select = connection
         .prepare("SELECT type, name, coalesce(sql, '') || ' on ' || tbl_name FROM sqlite_schema")?;

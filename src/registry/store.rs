@@ -14,6 +14,7 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, TransactionBehavior};
 
 use super::apply::{ApprovalBasis, apply};
+use super::aside::{ChainSays, not_on_record, settle_file};
 use super::audit::{self, ExportError, Head};
 use super::change::{BatchReceipt, Change, Receipt, Transaction};
 use super::check::{check_existing, kept_checkpoints};
@@ -35,7 +36,7 @@ use super::taken::UnreadStore;
 use super::telemetry::{Batch, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
 use super::witness::{Problems, Senders};
-use holdpoint_governance::ids::Digest;
+use holdpoint_governance::ids::{CapabilityId, Digest};
 
 /// Transactions that may wait for the writer; a caller beyond that waits itself.
 const QUEUE_MAX: usize = 64;
@@ -113,8 +114,8 @@ impl Store {
         };
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
-        let telemetry = Arc::new(Mutex::new(TelemetryFile::open(&layout.telemetry(), limits)?));
-        let found = found_telemetry(&telemetry, &connection, &fold)?;
+        let (telemetry, found) = open_telemetry((&layout, limits), &connection, &fold)?;
+        let telemetry = Arc::new(Mutex::new(telemetry));
         let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_file(&layout.cell_key())?);
         let public_key = key.verifying_key();
         let link = sign_on(&connection, &layout, (&store_id, &fold), &key)?;
@@ -436,18 +437,24 @@ impl StoreWriter {
     }
 }
 
-/// What lies in the telemetry file, beside what the chain says of it.
-fn found_telemetry(
-    telemetry: &Mutex<TelemetryFile>,
+/// Opens the telemetry file, or puts it aside and makes another. Tells what is in it beside what the chain says.
+fn open_telemetry(
+    (layout, limits): (&Layout, TelemetryLimits),
     connection: &Connection,
     fold: &Fold,
-) -> Result<FoundTelemetry, StoreError> {
+) -> Result<(TelemetryFile, FoundTelemetry), StoreError> {
     let known: BTreeSet<String> = connection
         .prepare("SELECT name FROM version")
         .and_then(|mut select| select.query_map([], |row| row.get(0))?.collect())
         .map_err(StoreError::sql("read the versions"))?;
-    let telemetry = telemetry.lock().map_err(|_| StoreError::Unknown)?;
-    telemetry.found(fold.telemetry(), |version| known.contains(&version.to_string()))
+    let account = fold.telemetry();
+    let chain = ChainSays { account, batches: &fold.batches, connection };
+    let (contents, own) = settle_file(layout, limits, chain)?;
+    let aside = not_on_record(layout, connection, own.as_ref())?;
+    let file = TelemetryFile::open(&layout.telemetry(), limits, (&contents, account.sealed()))?;
+    let is_known = |version: &CapabilityId| known.contains(&version.to_string());
+    let found = file.found(contents.numbers, account, aside, is_known)?;
+    Ok((file, found))
 }
 
 /// What others did to the database of a running engine.

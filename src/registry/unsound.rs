@@ -39,6 +39,9 @@ pub enum VerifyError {
     /// An act that enrolled or revoked somebody.
     #[error("the person {name:?} is bad: {problem}")]
     Person { name: String, problem: String },
+    /// The telemetry file is not as this program makes it.
+    #[error("the telemetry file is not as this program makes it: {0}")]
+    TelemetryFile(String),
     /// A sealed batch of telemetry.
     #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
     Telemetry {
@@ -57,6 +60,7 @@ impl VerifyError {
             Self::Record { seq, .. } | Self::Telemetry { seq, .. } => Some(*seq),
             Self::Unreadable(_)
             | Self::Damaged(_)
+            | Self::TelemetryFile(_)
             | Self::State { .. }
             | Self::Invariant(_)
             | Self::Checkpoint { .. }
@@ -74,6 +78,7 @@ impl Hint for VerifyError {
         match self {
             Self::Unreadable(error) => error.hint(),
             Self::Damaged(_)
+            | Self::TelemetryFile(_)
             | Self::Record { .. }
             | Self::State { .. }
             | Self::Invariant(_)

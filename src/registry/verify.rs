@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use ed25519_dalek::VerifyingKey;
 use serde::Serialize;
 
+use super::aside::wrong_shape;
 use super::audit::head;
 use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
 use super::compare::{check_approvals, compare};
@@ -342,11 +343,15 @@ fn check_telemetry(
     (fold, report): (&Fold, &mut VerifyReport),
     tell: &dyn Fn(&'static str, u64, u64),
 ) -> Result<(), VerifyError> {
-    if fold.batches.is_empty() {
+    let is_there = fs::symlink_metadata(path).is_ok();
+    if fold.batches.is_empty() && !is_there {
         return Ok(());
     }
-    let is_there = fs::symlink_metadata(path).is_ok();
     let connection = if is_there { Some(open_reader(path, &TELEMETRY)?) } else { None };
+    let wrong = connection.as_ref().map(|connection| wrong_shape(connection, &TELEMETRY));
+    if let Some(problem) = wrong.transpose().map_err(unreadable)?.flatten() {
+        return Err(VerifyError::TelemetryFile(problem));
+    }
     for (nth, sealed) in (0..).zip(&fold.batches) {
         tell("telemetry batches", nth, fold.batches.len() as u64);
         let bad = |problem: String| VerifyError::Telemetry { batch: sealed.batch, seq: sealed.seq, problem };

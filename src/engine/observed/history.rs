@@ -48,6 +48,15 @@ impl Control {
     }
 }
 
+/// What the chain says of a batch of telemetry.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seal {
+    /// The record that sealed it.
+    pub(super) seq: u64,
+    /// Digest of all its fields.
+    pub(super) digest: Digest,
+}
+
 /// One person let a version in, and until when that was not reviewed.
 #[derive(Clone, Debug)]
 struct EmergencySeen {
@@ -67,8 +76,8 @@ pub(super) struct History {
     pub(super) registered: Vec<(u64, CapabilityId, bool)>,
     moves: BTreeMap<CapabilityId, Vec<Move>>,
     pub(super) control: Vec<Control>,
-    /// Sealed batches of telemetry by number, with the record that sealed each.
-    pub(super) sealed: BTreeMap<u64, u64>,
+    /// Sealed batches of telemetry by number.
+    pub(super) sealed: BTreeMap<u64, Seal>,
     /// Of these, those that were sealed by the start after the engine that kept them had ended.
     pub(super) sealed_late: BTreeSet<u64>,
     /// Decisions of stages and actions of monitors, in order.
@@ -144,6 +153,7 @@ struct CauseBody {
 #[derive(Deserialize)]
 struct Sealed {
     batch: u64,
+    digest: Digest,
 }
 
 #[derive(Deserialize)]
@@ -208,14 +218,14 @@ impl History {
                 }
             }
             RecordKind::TelemetrySealed => {
-                if let Some(Sealed { batch }) = change(&record) {
-                    self.sealed.insert(batch, record.seq);
+                if let Some(Sealed { batch, digest }) = change(&record) {
+                    self.sealed.insert(batch, Seal { seq: record.seq, digest });
                 }
             }
             RecordKind::TelemetryBlockSealed => {
                 if let Some(SealedBlock { batches, found }) = change(&record) {
-                    for Sealed { batch } in batches {
-                        self.sealed.insert(batch, record.seq);
+                    for Sealed { batch, digest } in batches {
+                        self.sealed.insert(batch, Seal { seq: record.seq, digest });
                         if found {
                             self.sealed_late.insert(batch);
                         }

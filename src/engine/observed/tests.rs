@@ -246,6 +246,72 @@ fn a_lost_evaluation_comes_out_again_from_its_pairs_and_drills() {
     differs(&found, 2, "recovery");
 }
 
+/// Batches that are not what the chain seals, also where somebody made their own digests right, and batches that nobody
+/// sealed while their engine lived.
+fn edited_telemetry_is_in_no_number(whole: &Path, before: &StoreMetrics) {
+    let tasks = before.metrics.success_observed.total;
+    let of_version = "stream = 'live' AND id = (SELECT max(id) FROM batch WHERE stream = 'live')";
+    for edit in [
+        "body = CAST(json_set(CAST(body AS TEXT), '$.success', json(iif(CAST(body AS TEXT) ->> 'success', 'false', 'true')))
+             AS BLOB)",
+        "stream = 'monitor'",
+        "version = 'nothing of this'",
+        "from_ms = -1",
+        "rows = rows + 1",
+    ] {
+        let folder = copied(whole);
+        let sql = Connection::open(folder.path().join("telemetry.db")).unwrap();
+        sql.execute_batch("PRAGMA ignore_check_constraints = 1").unwrap();
+        let set = format!(
+            "UPDATE batch SET {edit}, bytes = length(body), digest = '{}' WHERE {of_version}",
+            "0".repeat(64)
+        );
+        assert_eq!(sql.execute(&set, []).unwrap(), 1, "{edit}");
+        let found = observed(folder.path());
+        assert_eq!(found.coverage.damaged_batches, 1, "{edit}");
+        let live = found.coverage.live_tasks + found.coverage.other_tasks;
+        assert_eq!(live + 1, before.coverage.live_tasks + before.coverage.other_tasks, "{edit}");
+    }
+    // A copy of a true one, as a batch that waits for its seal: the next start finds it, and it counts for nothing.
+    let folder = copied(whole);
+    let sql = Connection::open(folder.path().join("telemetry.db")).unwrap();
+    let forge = format!(
+        "INSERT INTO batch SELECT (SELECT max(id) + 1 FROM batch), version, stream, from_ms, to_ms, rows, digest, bytes,
+         body FROM batch WHERE {of_version}"
+    );
+    assert_eq!(sql.execute(&forge, []).unwrap(), 1);
+    drop(sql);
+    assert_eq!(observed(folder.path()).coverage, before.coverage, "it is on no record");
+    let store = Store::open(folder.path()).unwrap();
+    let opening = store.opening().clone();
+    assert_eq!((opening.telemetry.unsealed, opening.telemetry.aside.len()), (1, 0));
+    let transaction = holdpoint_registry::Transaction {
+        command_id: "found".to_owned(),
+        at_ms: opening.head.at_ms,
+        wall_ms: 0,
+        changes: opening.telemetry.changes,
+        audit: Vec::new(),
+    };
+    store.commit(transaction).unwrap();
+    drop(store);
+    let found = observed(folder.path());
+    assert_eq!((found.coverage.late_batches, found.coverage.damaged_batches), (1, 0));
+    assert_eq!(found.metrics.success_observed.total, tasks);
+    // A file of another shape is not read at all.
+    let sql = Connection::open(folder.path().join("telemetry.db")).unwrap();
+    sql.execute_batch("CREATE VIEW x AS SELECT 1").unwrap();
+    let error = TelemetryViews::open(&folder.path().join("telemetry.db")).unwrap_err();
+    assert!(error.to_string().contains("the view \"x\""), "{error}");
+}
+
+/// A copy of a store's folder.
+fn copied(whole: &Path) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let copied = std::process::Command::new("cp").arg("-a").arg(whole.join(".")).arg(folder.path()).status();
+    assert!(copied.unwrap().success());
+    folder
+}
+
 #[test]
 fn a_whole_upgrade_comes_out_again_and_its_rates_are_what_telemetry_holds() {
     let profile = small();
@@ -273,6 +339,8 @@ fn a_whole_upgrade_comes_out_again_and_its_rates_are_what_telemetry_holds() {
     assert_eq!(counts(metrics.pvr_observed.near), (count(near), tasks));
     assert_eq!(metrics.unsafe_continuation_observed.total, tasks);
     assert_eq!(metrics.uar_observed.total, 1);
+
+    edited_telemetry_is_in_no_number(folder.path(), &found);
 
     // Each piece of evidence carries one decision of its own; later ones rest on it by its digest.
     let found = edited(folder.path(), "shadow", |evidence| {

@@ -32,3 +32,23 @@ fn what_is_lost_between_two_engines_is_told() {
     let third = pipeline(&store, EpisodeCache::InStore, 1);
     assert_eq!(third.record().ledger().store().opening().telemetry.missing, 0);
 }
+
+/// Whatever lies in place of telemetry, the engine comes up, somebody is told, and it is on record.
+#[test]
+fn telemetry_of_another_shape_is_put_aside_with_an_alarm() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path().join("store");
+    drop(pipeline(&store, EpisodeCache::InStore, 1));
+    let telemetry = rusqlite::Connection::open(store.join("telemetry.db")).unwrap();
+    telemetry.execute_batch("CREATE TRIGGER x AFTER INSERT ON batch BEGIN DELETE FROM batch; END").unwrap();
+    drop(telemetry);
+    let second = pipeline(&store, EpisodeCache::InStore, 1);
+    let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("somebody is told");
+    let text = alarm.text.raw();
+    assert!(text.contains("the trigger \"x\"") && text.contains("telemetry-aside-1.db"), "{text}");
+    drop(second);
+    assert!(store.join("telemetry-aside-1.db").is_file());
+    verify(&store.join("holdpoint.db"), None).unwrap();
+    let third = pipeline(&store, EpisodeCache::InStore, 1);
+    assert_eq!(third.record().ledger().store().opening().telemetry.aside, []);
+}

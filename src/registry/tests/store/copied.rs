@@ -7,9 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_approvals::Identity;
 use holdpoint_governance::approval::Role;
+use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{
-    BackupParts, Exporting, Store, UnsignedRecords, VerifyError, backup, check_store, export_store,
-    is_exported, rebuild, store_info, verify, verify_copy, verify_export,
+    BackupError, BackupParts, Exporting, LeftOut, RecordingOnRecord, Store, UnsignedRecords, VerifyError,
+    Views, backup, check_store, export_store, is_exported, rebuild, store_info, verify, verify_copy,
+    verify_export,
 };
 
 use crate::damage::rewrite;
@@ -18,7 +20,7 @@ use crate::proofs::{heads, public_key};
 use crate::released::schema_1;
 use crate::support::*;
 
-const ALL: BackupParts = BackupParts { keys: true, recordings: true };
+const ALL: BackupParts<'static> = BackupParts { keys: true, recordings: None };
 
 #[test]
 fn a_copy_is_whole_while_an_engine_writes() {
@@ -55,7 +57,6 @@ fn a_copy_is_whole_while_an_engine_writes() {
 fn secrets_are_copied_only_where_they_are_asked_for() {
     let (folder, to) = (quick_folder(), quick_folder());
     made(folder.path());
-    fs::write(folder.path().join("recordings").join("a.rrd"), "scene").unwrap();
     let (without, with) = (to.path().join("without"), to.path().join("with"));
     assert!(!backup(folder.path(), &without, BackupParts::default()).unwrap().keys);
     let keys = |folder: &Path| -> Vec<String> {
@@ -75,7 +76,6 @@ fn secrets_are_copied_only_where_they_are_asked_for() {
     assert!(!without.join("recordings").exists());
     assert!(backup(folder.path(), &with, ALL).unwrap().keys);
     assert_eq!(keys(&with), keys(folder.path()));
-    assert!(with.join("recordings").join("a.rrd").is_file());
     // It is a store to go on with.
     let head = open(folder.path()).opening().head;
     let copied = open(&with);
@@ -99,7 +99,7 @@ fn a_copy_overwrites_nothing_and_is_not_made_of_what_is_not_sound() {
             fs::write(&there, "mine").unwrap();
         }
         let said = backup(folder.path(), &there, ALL).unwrap_err().to_string();
-        assert!(said.contains("already"), "{said}");
+        assert!(said.contains("is there already, and nothing is overwritten"), "{said}");
     }
     assert_eq!(fs::read_to_string(to.path().join("file.db")).unwrap(), "mine");
     let connection = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
@@ -111,6 +111,128 @@ fn a_copy_overwrites_nothing_and_is_not_made_of_what_is_not_sound() {
     }
     assert!(backup(to.path(), &to.path().join("none"), ALL).is_err());
     assert_eq!(fs::read_dir(to.path()).unwrap().count(), 2, "nothing is left");
+}
+
+/// What has the name under which a copy is made is somebody's.
+#[test]
+fn nothing_that_was_there_is_removed() {
+    let (folder, to) = (quick_folder(), quick_folder());
+    made(folder.path());
+    let there = |name: &str| to.path().join(name);
+    fs::create_dir(there("photos.part")).unwrap();
+    fs::write(there("photos.part").join("mine.txt"), "mine").unwrap();
+    fs::write(there("notes.db.part"), "mine").unwrap();
+    fs::write(there("other.db.part-wal"), "mine").unwrap();
+    for name in ["photos", "notes.db"] {
+        let error = backup(folder.path(), &there(name), ALL).unwrap_err();
+        assert!(matches!(error, BackupError::PartExists(_)), "{error}");
+        assert!(error.to_string().contains(&format!("{name}.part")), "{error}");
+        assert!(!there(name).exists());
+    }
+    backup(folder.path(), &there("other.db"), ALL).unwrap();
+    for name in ["photos.part/mine.txt", "notes.db.part", "other.db.part-wal"] {
+        assert_eq!(fs::read_to_string(there(name)).unwrap(), "mine", "{name}");
+    }
+    assert_eq!(fs::read_dir(to.path()).unwrap().count(), 4, "nothing is left");
+}
+
+#[test]
+fn no_copy_is_made_in_the_store() {
+    let folder = quick_folder();
+    made(folder.path());
+    let link = quick_folder();
+    std::os::unix::fs::symlink(folder.path(), link.path().join("store")).unwrap();
+    let before = fs::read_dir(folder.path()).unwrap().count();
+    for place in [
+        folder.path().join("inside"),
+        folder.path().join("keys/in"),
+        folder.path().join("checkpoints/in.db"),
+        folder.path().join("keys/../inside"),
+        link.path().join("store/inside"),
+    ] {
+        let error = backup(folder.path(), &place, ALL).unwrap_err();
+        assert!(matches!(error, BackupError::Inside(_)), "{place:?}: {error}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), before);
+}
+
+/// Recordings are what was recorded, or are not in the copy, and that is said; one that grew without end is not read.
+#[test]
+fn recordings_in_a_copy_are_what_was_recorded() {
+    let (folder, to) = (quick_folder(), quick_folder());
+    made(folder.path());
+    let place = folder.path().join("recordings");
+    let of = |text: &str| -> Digest {
+        use sha2::Digest as _;
+        Digest::from_bytes(sha2::Sha256::digest(text).into())
+    };
+    let names =
+        ["good.rrd", "cut.rrd", "swapped.rrd", "gone.rrd", "link.rrd", "pipe.rrd", "endless.rrd", "../keys"];
+    let on_record: Vec<RecordingOnRecord> = names
+        .iter()
+        .map(|file| RecordingOnRecord { file: (*file).to_owned(), sha256: of("scene"), bytes: 5 })
+        .collect();
+    for (name, text) in
+        [("good.rrd", "scene"), ("cut.rrd", "scen"), ("swapped.rrd", "Scene"), ("open.rrd", "x")]
+    {
+        fs::write(place.join(name), text).unwrap();
+    }
+    std::os::unix::fs::symlink(place.join("good.rrd"), place.join("link.rrd")).unwrap();
+    assert!(Command::new("mkfifo").arg(place.join("pipe.rrd")).status().unwrap().success());
+    fs::File::create(place.join("endless.rrd")).unwrap().set_len(1 << 40).unwrap();
+    let told = |_: &Views| Ok(on_record.clone());
+    let parts = BackupParts { keys: false, recordings: Some(&told) };
+    let copy = to.path().join("copy");
+    let report = backup(folder.path(), &copy, parts).unwrap();
+    assert_eq!(report.recordings, 1);
+    let bad: Vec<(&str, &str)> = report
+        .left_out
+        .iter()
+        .filter(|left| left.bad)
+        .map(|left| (left.file.as_str(), left.why.as_str()))
+        .collect();
+    assert_eq!(bad.iter().map(|(file, _)| *file).collect::<Vec<_>>(), names[1..]);
+    for ((file, why), expected) in
+        bad.iter().zip(["another size", "SHA-256", "missing", "a link", "a link", "another size", "name"])
+    {
+        assert!(why.contains(expected), "{file}: {why}");
+    }
+    let others: Vec<&LeftOut> = report.left_out.iter().filter(|left| !left.bad).collect();
+    assert!(others.len() == 1 && others[0].file == "open.rrd", "{others:?}");
+    let copied: Vec<_> =
+        fs::read_dir(copy.join("recordings")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(copied, ["good.rrd"]);
+}
+
+/// What is no file in place of a database or of what SQLite keeps beside it is said, with what helps.
+#[test]
+fn what_is_no_file_of_a_database_is_named() {
+    for (name, helps) in
+        [("holdpoint.db", "--data"), ("holdpoint.db-wal", "remove it"), ("holdpoint.db-shm", "anew")]
+    {
+        for kind in ["a named pipe", "a folder", "a link"] {
+            let folder = quick_folder();
+            made(folder.path());
+            let path = folder.path().join(name);
+            drop(fs::remove_file(&path));
+            match kind {
+                "a named pipe" => assert!(Command::new("mkfifo").arg(&path).status().unwrap().success()),
+                "a folder" => fs::create_dir(&path).unwrap(),
+                _ => std::os::unix::fs::symlink("/dev/null", &path).unwrap(),
+            }
+            let database = folder.path().join("holdpoint.db");
+            let opened = unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
+            let views = holdpoint_registry::Views::open(&database).map(drop).unwrap_err();
+            for error in [opened, views] {
+                let hint = holdpoint_text::Hint::hint(&error).unwrap_or_default().into_owned();
+                let said = format!("{error} {hint}");
+                assert!(
+                    said.contains(kind) && said.contains(&format!("{name}\"")) && said.contains(helps),
+                    "{said}"
+                );
+            }
+        }
+    }
 }
 
 #[test]

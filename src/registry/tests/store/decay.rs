@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::{Identity, keyfile};
-use holdpoint_registry::{AuditFilter, Batch, Found, Store, TelemetryViews, VerifyReport, Views, verify};
+use holdpoint_registry::{
+    AuditFilter, Batch, Found, LyingBatch, Store, TelemetryViews, VerifyReport, Views, verify,
+};
 use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 use tempfile::TempDir;
 
@@ -35,7 +37,7 @@ struct Sound {
     /// Every file with its place in the folder and its bytes.
     files: Vec<(PathBuf, Vec<u8>)>,
     contents: String,
-    batches: Vec<(u64, Option<Batch>)>,
+    batches: Vec<LyingBatch>,
     report: VerifyReport,
 }
 
@@ -167,14 +169,12 @@ fn printed(error: &impl Hint) -> String {
     format!("error: {}{hint}", sanitise(&words.join(" "), WIDTH_MAX))
 }
 
-/// Every batch of the streams there are.
-fn batches(store: &Path) -> Result<Vec<(u64, Option<Batch>)>, String> {
+/// Every batch there is.
+fn batches(store: &Path) -> Result<Vec<LyingBatch>, String> {
     let read = || {
         let views = TelemetryViews::open(&store.join("telemetry.db"))?;
         let mut found = Vec::new();
-        for stream in ["live", "monitor", "sandbox"] {
-            views.each_batch(stream, u64::MAX, |batch| found.push(batch))?;
-        }
+        views.each_batch(u64::MAX, |batch| found.push(batch))?;
         Ok(found)
     };
     read().map_err(|error: holdpoint_registry::StoreError| error.to_string())

@@ -8,6 +8,7 @@
 #![allow(clippy::print_stdout, reason = "a child tells its parent what it did")]
 
 mod approvals;
+mod aside;
 #[path = "../../../../tests/fuzz/campaign.rs"]
 mod campaign;
 mod copied;

@@ -1,0 +1,377 @@
+//! Looks at the telemetry file before an engine believes any of it. One that is not as this program makes it, or that
+//! contradicts the audit chain, is put aside: it is kept under another name and never removed, and a new one takes over
+//! every batch that is what the chain seals.
+//!
+//! Owns what a telemetry file has to be, and the names of those that were put aside.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File};
+use std::io::ErrorKind;
+use std::path::Path;
+
+use rusqlite::{Connection, ErrorCode, OptionalExtension, params};
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+use serde::Deserialize;
+
+use super::change::{ASIDE_MAX, SetAside};
+use super::error::StoreError;
+use super::fold::SealedBatch;
+use super::layout::{Layout, sync_folder};
+use super::migrate::{Schema, TELEMETRY, version};
+use super::open::{COMPANIONS, beside, check_header, damaged, make, open_sound, remove_database};
+use super::seals::{TelemetryAccount, sealed_digests};
+use super::shape::{first_difference, has_table};
+use super::telemetry::{BODY_BYTES_MAX, TelemetryLimits, UNSEALED_MAX, content_digest};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_text::file::kind_of;
+
+/// Room in the file beside what the limits speak of, bytes: free pages, keys, indices.
+const SPARE_BYTES: u64 = 64 << 20;
+/// So many of the newest sealed batches, and so many others drawn at random, are compared with the chain at a start.
+const COMPARED: usize = 64;
+/// Batches of one transaction when a new file takes over.
+const TAKEN_AT_ONCE: usize = 64;
+/// The most names that are tried.
+const NAMES_MAX: u32 = 1_000_000;
+/// The longest account of what is wrong with a file, characters.
+const PROBLEM_CHARS_MAX: usize = 300;
+/// How the names of files that were put aside begin and end.
+const NAME: (&str, &str) = ("telemetry-aside-", ".db");
+
+/// What the rows of a sound telemetry file tell.
+#[derive(Debug, Default)]
+pub(crate) struct Contents {
+    /// Numbers of the batches that are there, in order.
+    pub(crate) numbers: Vec<u64>,
+    /// Bytes of all batches.
+    pub(crate) bytes: u64,
+}
+
+/// What the chain says, and where more of it can be read.
+#[derive(Clone, Copy)]
+pub(crate) struct ChainSays<'a> {
+    pub(crate) account: &'a TelemetryAccount,
+    /// Sealed by the records that this start reads.
+    pub(crate) batches: &'a [SealedBatch],
+    /// The store's database.
+    pub(crate) connection: &'a Connection,
+}
+
+enum FileState {
+    Sound(Contents),
+    Wrong(String),
+}
+
+/// Brings the telemetry file into a state in which it can be opened for writing. Tells what is in it, and why another
+/// one was put aside, if so.
+pub(crate) fn settle_file(
+    layout: &Layout,
+    limits: TelemetryLimits,
+    chain: ChainSays<'_>,
+) -> Result<(Contents, Option<SetAside>), StoreError> {
+    let path = layout.telemetry();
+    let problem = match look(&path, limits, chain)? {
+        FileState::Sound(contents) => return Ok((contents, None)),
+        FileState::Wrong(problem) => problem,
+    };
+    // A name in the file may be of any length.
+    let problem = problem.chars().take(PROBLEM_CHARS_MAX).collect();
+    let part = path.with_extension("new");
+    let has_part = take_over(&path, chain, &part)?;
+    let file = put_aside(layout)?;
+    if has_part {
+        fs::rename(&part, &path).map_err(StoreError::io("rename", &part))?;
+        sync_folder(layout.folder())?;
+    }
+    match look(&path, limits, chain)? {
+        FileState::Sound(contents) => Ok((contents, Some(SetAside { file, problem }))),
+        FileState::Wrong(problem) => Err(damaged(&path, &problem)),
+    }
+}
+
+/// What is wrong with a file by itself: `None` if it can be read and has the shape that this program gives it.
+pub(crate) fn wrong_shape(connection: &Connection, schema: &Schema) -> rusqlite::Result<Option<String>> {
+    let found = version(connection)?;
+    if !(1..=schema.newest()).contains(&found) {
+        return Ok(Some(format!("its schema is {found}, this program knows 1 to {}", schema.newest())));
+    }
+    first_difference(connection, schema)
+}
+
+fn look(path: &Path, limits: TelemetryLimits, chain: ChainSays<'_>) -> Result<FileState, StoreError> {
+    let wrong = |problem: &str| Ok(FileState::Wrong(problem.to_owned()));
+    for ending in COMPANIONS {
+        let companion = beside(path, ending);
+        match fs::symlink_metadata(&companion) {
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(StoreError::io("read", &companion)(error)),
+            Ok(found) if !found.is_file() => {
+                let kind = kind_of(&found);
+                return wrong(&format!("beside it, telemetry.db{ending} is {kind}, and no file of its own"));
+            }
+            // An index of a log holds nothing, nor does an empty log.
+            Ok(found) if ending != "-shm" && found.len() > 0 && fs::symlink_metadata(path).is_err() => {
+                return wrong(&format!("it is gone, and telemetry.db{ending} is still there"));
+            }
+            Ok(_) => {}
+        }
+    }
+    match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            return Ok(FileState::Sound(Contents::default()));
+        }
+        Err(error) => return Err(StoreError::io("read", path)(error)),
+        Ok(found) if !found.is_file() => {
+            return wrong(&format!("it is {}, and no file of its own", kind_of(&found)));
+        }
+        Ok(found) if found.len() > bytes_max(limits) => {
+            return wrong(&format!(
+                "it has {} bytes, and no engine writes more than {}",
+                found.len(),
+                bytes_max(limits)
+            ));
+        }
+        Ok(_) => {}
+    }
+    match check_header(path, &TELEMETRY) {
+        Err(StoreError::Refused { problem, .. }) => return Ok(FileState::Wrong(problem)),
+        Err(error) => return Err(error),
+        Ok(()) => {}
+    }
+    let connection = match open_sound(path) {
+        Ok(connection) => connection,
+        Err(error) => return of_file(error).map(FileState::Wrong),
+    };
+    match read_contents(&connection, limits, chain) {
+        Ok(Ok(contents)) => Ok(FileState::Sound(contents)),
+        Ok(Err(problem)) => Ok(FileState::Wrong(problem)),
+        Err(error) => of_file(error).map(FileState::Wrong),
+    }
+}
+
+fn bytes_max(limits: TelemetryLimits) -> u64 {
+    // Between two seals there may be twice as much, and removed pages stay in the file.
+    limits.batch_bytes_max.saturating_add(limits.cell_bytes_max).saturating_mul(4).saturating_add(SPARE_BYTES)
+}
+
+/// What to say of an error that lies in the file. Others (a disk that fails, a lock, a right that is missing) are none of
+/// the file's.
+fn of_file(error: rusqlite::Error) -> Result<String, StoreError> {
+    match error.sqlite_error_code() {
+        None | Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase | ErrorCode::Unknown) => {
+            Ok(format!("it cannot be read: {error}"))
+        }
+        Some(_) => Err(StoreError::sql("read its telemetry")(error)),
+    }
+}
+
+/// What is in the file, or what is wrong with it.
+fn read_contents(
+    connection: &Connection,
+    limits: TelemetryLimits,
+    chain: ChainSays<'_>,
+) -> rusqlite::Result<Result<Contents, String>> {
+    if let Some(problem) = wrong_shape(connection, &TELEMETRY)? {
+        return Ok(Err(problem));
+    }
+    let sealed = chain.account.sealed();
+    let mut contents = Contents::default();
+    let (mut next, mut unsealed_bytes) = (sealed.saturating_add(1), 0_u64);
+    let mut select = connection.prepare("SELECT id, length(body) FROM batch ORDER BY id")?;
+    let mut rows = select.query([])?;
+    while let Some(row) = rows.next()? {
+        let (number, bytes): (i64, i64) = (row.get(0)?, row.get(1)?);
+        let (Ok(number), Ok(bytes)) = (u64::try_from(number), u64::try_from(bytes)) else {
+            return Ok(Err(format!("it has a batch {number}")));
+        };
+        if number == 0 || bytes > BODY_BYTES_MAX as u64 {
+            return Ok(Err(format!("it has a batch {number} of {bytes} bytes")));
+        }
+        if number > sealed {
+            // An engine numbers without a gap.
+            if number != next {
+                return Ok(Err(format!(
+                    "it has a batch {number}, and the audit chain ends at batch {sealed}"
+                )));
+            }
+            next = next.saturating_add(1);
+            unsealed_bytes = unsealed_bytes.saturating_add(bytes);
+            let count = number - sealed;
+            if count > UNSEALED_MAX as u64 || unsealed_bytes > limits.batch_bytes_max.saturating_mul(2) {
+                return Ok(Err(format!("it has {count} batches that nobody sealed, {unsealed_bytes} bytes")));
+            }
+        }
+        contents.numbers.push(number);
+        contents.bytes = contents.bytes.saturating_add(bytes);
+    }
+    for SealedBatch { seq, batch, digest } in compared(chain.batches) {
+        if content_digest(connection, batch)?.is_some_and(|found| found != digest) {
+            return Ok(Err(format!("its batch {batch} is not what audit record {seq} sealed")));
+        }
+    }
+    Ok(Ok(contents))
+}
+
+/// The newest batches, and others that nobody can foretell.
+fn compared(batches: &[SealedBatch]) -> Vec<SealedBatch> {
+    let (older, newest) = batches.split_at(batches.len().saturating_sub(COMPARED));
+    let mut chosen = newest.to_vec();
+    let mut places = BTreeSet::new();
+    let mut drawn = [0_u8; COMPARED * 8];
+    if !older.is_empty() && getrandom::fill(&mut drawn).is_ok() {
+        for number in drawn.chunks_exact(8) {
+            let number = number.iter().fold(0_u64, |number, byte| (number << 8) | u64::from(*byte));
+            // Uneven by less than 2^-32 for every number of batches that fits into memory.
+            places.insert(usize::try_from(number % older.len() as u64).unwrap_or(0));
+        }
+    }
+    chosen.extend(places.into_iter().filter_map(|place| older.get(place)));
+    chosen
+}
+
+/// Fills a new file with every batch that is what the chain seals; what cannot be read is not there. Tells whether there
+/// is one.
+fn take_over(path: &Path, chain: ChainSays<'_>, part: &Path) -> Result<bool, StoreError> {
+    let is_file = fs::symlink_metadata(path).is_ok_and(|found| found.is_file())
+        && COMPANIONS.iter().all(|ending| {
+            fs::symlink_metadata(beside(path, ending)).map_or(true, |companion| companion.is_file())
+        });
+    let Some(source) = is_file.then(|| open_sound(path).ok()).flatten() else { return Ok(false) };
+    // A table of another shape may be anything, also something whose rows have no end.
+    if !has_table(&source, &TELEMETRY, "batch").unwrap_or(false) {
+        return Ok(false);
+    }
+    let error = StoreError::sql("take over telemetry");
+    let sealed = sealed_digests(chain.connection).map_err(&error)?;
+    remove_database(part)?;
+    let mut into = make(part, &TELEMETRY)?;
+    let wanted: Vec<(u64, Digest)> =
+        sealed.into_iter().filter(|(number, _)| !chain.account.is_pruned(*number, None)).collect();
+    for some in wanted.chunks(TAKEN_AT_ONCE) {
+        let tx = into.transaction().map_err(&error)?;
+        for (number, digest) in some {
+            if content_digest(&source, *number).ok().flatten() == Some(*digest)
+                && let Ok(Some(row)) = lying(&source, *number)
+            {
+                let Lying { version, stream, from_ms, to_ms, rows, body } = row;
+                tx.prepare_cached(
+                    "INSERT INTO batch (id, version, stream, from_ms, to_ms, rows, digest, bytes, body)
+                     VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, length(?8), ?8)",
+                )
+                .and_then(|mut insert| {
+                    let digest = digest.to_string();
+                    insert.execute(params![number, version, stream, from_ms, to_ms, rows, digest, body])
+                })
+                .map_err(&error)?;
+            }
+        }
+        tx.commit().map_err(&error)?;
+    }
+    into.close().map_err(|(_, source)| error(source))?;
+    File::open(part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", part))?;
+    Ok(true)
+}
+
+/// The columns of a batch, as they are.
+struct Lying {
+    version: String,
+    stream: String,
+    from_ms: i64,
+    to_ms: i64,
+    rows: i64,
+    body: Vec<u8>,
+}
+
+fn lying(connection: &Connection, number: u64) -> rusqlite::Result<Option<Lying>> {
+    connection
+        .prepare_cached("SELECT version, stream, from_ms, to_ms, rows, body FROM batch WHERE id = ?1")?
+        .query_row([number], |row| {
+            let (version, stream, from_ms) = (row.get(0)?, row.get(1)?, row.get(2)?);
+            Ok(Lying { version, stream, from_ms, to_ms: row.get(3)?, rows: row.get(4)?, body: row.get(5)? })
+        })
+        .optional()
+}
+
+/// Gives the file, and what SQLite keeps beside it, a name that nobody has. Tells it.
+fn put_aside(layout: &Layout) -> Result<String, StoreError> {
+    let path = layout.telemetry();
+    let is_free = |name: &Path| {
+        let companions = COMPANIONS.iter().map(|ending| beside(name, ending));
+        companions.chain([name.to_owned()]).all(|name| fs::symlink_metadata(name).is_err())
+    };
+    let named = |nth: u32| format!("{}{nth}{}", NAME.0, NAME.1);
+    let name = (1..=NAMES_MAX).map(named).find(|name| is_free(&layout.folder().join(name)));
+    let name = name.ok_or_else(|| {
+        StoreError::invalid("telemetry that was put aside", NAMES_MAX, "fewer; move some of it elsewhere")
+    })?;
+    let to = layout.folder().join(&name);
+    // A new file must never find the log of another one beside it, so the logs go first.
+    let moves = COMPANIONS.iter().map(|ending| (beside(&path, ending), beside(&to, ending)));
+    for (from, to) in moves.chain([(path.clone(), to.clone())]) {
+        match renameat_with(CWD, &from, CWD, &to, RenameFlags::NOREPLACE) {
+            Ok(()) | Err(rustix::io::Errno::NOENT) => {}
+            Err(error) => return Err(StoreError::io("put aside", &from)(error.into())),
+        }
+    }
+    sync_folder(layout.folder())?;
+    Ok(name)
+}
+
+#[derive(Deserialize)]
+struct MissedBody {
+    change: MissedChange,
+}
+
+#[derive(Deserialize)]
+struct MissedChange {
+    #[serde(default)]
+    aside: Vec<SetAside>,
+}
+
+/// Files that were put aside and that no record names yet; of this start's own, why is known.
+pub(crate) fn not_on_record(
+    layout: &Layout,
+    connection: &Connection,
+    own: Option<&SetAside>,
+) -> Result<Vec<SetAside>, StoreError> {
+    let mut there: BTreeMap<u32, String> = BTreeMap::new();
+    let folder = layout.folder();
+    for entry in fs::read_dir(folder).map_err(StoreError::io("list", folder))? {
+        let name = entry.map_err(StoreError::io("list", folder))?.file_name();
+        let Some(name) = name.to_str() else { continue };
+        let number = name.strip_prefix(NAME.0).and_then(|rest| rest.split_once('.')).map(|(nth, _)| nth);
+        if let Some(nth) = number.and_then(|nth| nth.parse().ok()) {
+            there.insert(nth, format!("{}{nth}{}", NAME.0, NAME.1));
+        }
+    }
+    if there.is_empty() {
+        return Ok(Vec::new());
+    }
+    let error = StoreError::sql("read what was put aside");
+    let mut select = connection.prepare("SELECT body FROM audit WHERE kind = ?1").map_err(&error)?;
+    let bodies: rusqlite::Result<Vec<String>> = select
+        .query_map([RecordKind::TelemetryMissed.to_string()], |row| row.get(0))
+        .and_then(Iterator::collect);
+    let mut named: BTreeSet<String> = BTreeSet::new();
+    for body in bodies.map_err(&error)? {
+        if let Ok(MissedBody { change }) = serde_json::from_str(&body) {
+            named.extend(change.aside.into_iter().map(|aside| aside.file));
+        }
+    }
+    let unnamed = there.into_values().filter(|file| !named.contains(file)).take(ASIDE_MAX);
+    let told = unnamed.map(|file| {
+        own.filter(|own| own.file == file).cloned().unwrap_or_else(|| SetAside {
+            file,
+            problem: "an earlier start put it aside, and could not say why".to_owned(),
+        })
+    });
+    Ok(told.collect())
+}
+
+/// A file that was put aside, by its name.
+pub(crate) fn is_name_of_aside(name: &str) -> bool {
+    name.strip_prefix(NAME.0)
+        .and_then(|rest| rest.strip_suffix(NAME.1))
+        .is_some_and(|nth| !nth.is_empty() && nth.len() <= 7 && nth.bytes().all(|byte| byte.is_ascii_digit()))
+}

@@ -1,0 +1,80 @@
+//! What is left of a store's telemetry, to read; also while an engine has it.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use rusqlite::{Connection, Row};
+
+use super::aside::wrong_shape;
+use super::error::StoreError;
+use super::migrate::TELEMETRY;
+use super::open::{not_telemetry, open_reader};
+use super::telemetry::{Batch, LYING, lying_digest};
+use holdpoint_governance::ids::Digest;
+
+/// See the module's head.
+#[derive(Debug)]
+pub struct TelemetryViews {
+    connection: Connection,
+}
+
+/// A batch as it lies there. Whether it is what was sealed, the audit chain says: to compare is the caller's.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LyingBatch {
+    pub number: u64,
+    /// Digest of all its fields, as they are.
+    pub digest: Digest,
+    /// `None` if it is none that an engine writes.
+    pub batch: Option<Batch>,
+}
+
+impl TelemetryViews {
+    /// Opens a store's telemetry file for reading.
+    ///
+    /// # Errors
+    /// If it cannot be opened, or is not as this program makes it.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let connection = open_reader(path, &TELEMETRY)?;
+        let problem = wrong_shape(&connection, &TELEMETRY).map_err(StoreError::sql("read telemetry"))?;
+        problem.map_or(Ok(Self { connection }), |problem| Err(not_telemetry(path, &problem)))
+    }
+
+    /// Calls `visit` with each batch up to the number `to_batch`, in order, one at a time.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn each_batch(&self, to_batch: u64, mut visit: impl FnMut(LyingBatch)) -> Result<(), StoreError> {
+        let sql = format!("{LYING} WHERE id BETWEEN 1 AND ?1 ORDER BY id");
+        let to_batch = i64::try_from(to_batch).unwrap_or(i64::MAX);
+        let mut read = || {
+            let mut select = self.connection.prepare_cached(&sql)?;
+            let mut rows = select.query([to_batch])?;
+            while let Some(row) = rows.next()? {
+                visit(LyingBatch {
+                    number: row.get(0)?,
+                    digest: lying_digest(row)?,
+                    batch: batch_of(row).ok().flatten(),
+                });
+            }
+            Ok(())
+        };
+        read().map_err(StoreError::sql("read telemetry"))
+    }
+
+    /// The numbers of all batches that are there.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn numbers(&self) -> Result<BTreeSet<u64>, StoreError> {
+        self.connection
+            .prepare("SELECT id FROM batch WHERE id > 0")
+            .and_then(|mut select| select.query_map([], |row| row.get(0))?.collect())
+            .map_err(StoreError::sql("read telemetry"))
+    }
+}
+
+fn batch_of(row: &Row<'_>) -> rusqlite::Result<Option<Batch>> {
+    let Ok(version) = row.get_ref(1)?.as_str()?.parse() else { return Ok(None) };
+    let (from_ms, to_ms, rows) = (row.get(3)?, row.get(4)?, row.get(5)?);
+    Ok(Some(Batch { version, stream: row.get(2)?, from_ms, to_ms, rows, body: row.get(6)? }))
+}
