@@ -3,11 +3,12 @@
 //! Derives from profile, conditions and identities; decides nothing.
 
 use holdpoint_approvals::{Persons, keyfile};
+use holdpoint_body::TaskKind;
 use holdpoint_governance::composition;
 use holdpoint_governance::condition::people_needed;
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::Binding;
-use holdpoint_governance::ids::Digest;
+use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
@@ -17,6 +18,7 @@ use crate::dossier::Dossiers;
 use crate::ledger::Ledger;
 use crate::monitors::Monitors;
 use crate::trial::lab::Party;
+use crate::trial::sequences::Team;
 
 /// What a version runs under: the profile, capped by its own declaration and its conditions, tighter if its
 /// monitor or an operator asked for that.
@@ -87,6 +89,20 @@ pub fn party(context: &Context, ledger: &Ledger, dossiers: &Dossiers, version: &
     let fallback = version.manifest.recovery.fallback.as_ref();
     let fallback = fallback.and_then(|binding| ledger.resolve(&binding.family, &binding.version).cloned());
     Party { version: version.clone(), terms: measured_terms_of(context, dossiers, version), fallback }
+}
+
+/// Who works beside a candidate in whole sequences now: the active versions of the other families.
+#[must_use]
+pub fn team(context: &Context, ledger: &Ledger, dossiers: &Dossiers, candidate: &Capability) -> Team {
+    let active = ledger.families().filter_map(|(_, entry)| Some(&entry.active()?.capability));
+    let own = candidate.id().family;
+    // A fallback is no part of a sequence, whatever task its code is for.
+    let works = |version: &&Capability| {
+        let family = &version.id().family;
+        *family != own && TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == *family)
+    };
+    let parties = active.filter(works).map(|version| party(context, ledger, dossiers, version));
+    Team::beside(candidate.bundle.task(), parties)
 }
 
 /// What evidence on a candidate has to be bound to now.

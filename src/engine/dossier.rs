@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::doubt::{self, Confirmation};
 use crate::trial::measures::ModeMetrics;
-use holdpoint_governance::behavior::BehaviorAssessment;
+use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::{Kappas, composite};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Kappa, Reason};
@@ -64,6 +64,9 @@ pub struct Dossier {
     pub permissions: Option<PermissionUse>,
     /// Drills of the candidate and of the active version.
     pub drills: Option<(Drills, Drills)>,
+    /// Whole sequences of the sandbox with either version in its place; absent if pairs and drills rejected it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub handovers: Option<SequenceEvidence>,
     /// What of pairs and drills was kept from before.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kept: Option<KeptUse>,

@@ -3,7 +3,7 @@
 //! Suspicious behaviour, and recovery that is fragile or worse than the predecessor's, advance under restrictions; the
 //! doubt stays on the version until fresh evidence settles it (design rules 3.6, 3.8).
 
-use holdpoint_governance::behavior::BehaviorAssessment;
+use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::evidence::{PairedEvidence, RecoveryEvidence};
@@ -18,6 +18,9 @@ use serde::{Deserialize, Serialize};
 pub struct Confirmation {
     pub pairs: PairedEvidence,
     pub drills: RecoveryEvidence,
+    /// Whole sequences, if pairs and drills rejected nothing; absent in records of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub handovers: Option<SequenceEvidence>,
     /// What the pairs say of `kappa_B`.
     pub behavior: BehaviorAssessment,
     /// What the drills say of `kappa_R`.

@@ -9,9 +9,12 @@ pub mod episodes;
 pub mod evaluation;
 pub mod lab;
 pub mod measures;
+pub mod outcome;
+pub mod party;
 pub mod reuse;
 pub mod search;
 pub mod seeds;
+pub mod sequences;
 pub mod stress;
 pub mod trace;
 pub mod undisturbed;
@@ -24,7 +27,9 @@ use holdpoint_registry::{KeptCells, Store};
 
 use self::cache::EpisodeCache;
 use self::crew::Crew;
-use self::lab::{ErrandOutcome, Lab};
+use self::lab::Lab;
+use self::outcome::ErrandOutcome;
+use self::sequences::Team;
 use self::undisturbed::Shelf;
 use crate::cell::Cell;
 
@@ -99,6 +104,7 @@ impl Trials {
             cancel: &self.cancel,
             cell,
             cells: self.cells(store),
+            team: Team::default(),
         }
     }
 }

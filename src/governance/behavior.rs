@@ -7,10 +7,14 @@ use serde::{Deserialize, Serialize};
 
 mod early;
 mod harm;
+mod sequences;
 
 pub use early::{assess_ended, ended, is_lost, is_lost_early};
 pub(crate) use harm::in_shadow;
 pub use harm::{HarmComparison, PastLimit};
+pub use sequences::{
+    SequenceComparison, SequenceEvidence, SequenceMeasure, SequencePair, SequenceStep, judge_sequences,
+};
 
 use self::harm::HarmVerdict;
 use super::condition::Condition;
@@ -168,6 +172,9 @@ pub struct BehaviorAssessment {
     /// Every measure of harm; empty without data, and in records of older builds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub harm: Vec<HarmComparison>,
+    /// Every comparison of whole sequences; empty if none were worked, and in records of older builds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sequences: Vec<SequenceComparison>,
     /// Mean values of the active version; absent without usable episodes.
     pub active: Option<Signature>,
     /// Mean values of the candidate; absent without usable episodes.
@@ -337,6 +344,7 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
         interval: None,
         components: Vec::new(),
         harm: Vec::new(),
+        sequences: Vec::new(),
         active: Some(*active),
         candidate: Some(*candidate),
         improved: false,
@@ -360,6 +368,7 @@ pub fn nothing(why: &str) -> BehaviorAssessment {
         interval: None,
         components: Vec::new(),
         harm: Vec::new(),
+        sequences: Vec::new(),
         active: None,
         candidate: None,
         improved: false,
@@ -422,6 +431,7 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
         ended: None,
         components,
         harm: harm::compare(pairs, profile)?,
+        sequences: Vec::new(),
     };
     judge(&mut result, success.mean > 0.0, harm::asking(pairs, profile), profile);
     Ok(result)

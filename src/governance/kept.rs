@@ -29,6 +29,44 @@ pub enum KeptWork {
     Episodes,
     /// Recovery drills of one kind of that version.
     Drills(DrillKind),
+    /// Whole sequences with that version in its place.
+    Sequences,
+}
+
+/// What is drawn from together, to be run again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DrawOf {
+    /// Episodes.
+    Episodes,
+    /// Drills of all kinds.
+    Drills,
+    /// Whole sequences.
+    Sequences,
+}
+
+impl DrawOf {
+    /// In the order of [`KeptUse::draws`].
+    pub const ALL: [Self; 3] = [Self::Episodes, Self::Drills, Self::Sequences];
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Episodes => "episodes",
+            Self::Drills => "drills",
+            Self::Sequences => "sequences",
+        }
+    }
+}
+
+impl KeptWork {
+    /// What it is drawn from together with.
+    #[must_use]
+    pub const fn draw(self) -> DrawOf {
+        match self {
+            Self::Episodes => DrawOf::Episodes,
+            Self::Drills(_) => DrawOf::Drills,
+            Self::Sequences => DrawOf::Sequences,
+        }
+    }
 }
 
 impl fmt::Display for KeptWork {
@@ -36,6 +74,7 @@ impl fmt::Display for KeptWork {
         match self {
             Self::Episodes => f.write_str("episodes"),
             Self::Drills(kind) => write!(f, "{kind} drills"),
+            Self::Sequences => f.write_str("sequences"),
         }
     }
 }
@@ -122,7 +161,7 @@ pub struct KeptVoid {
     pub differing: Vec<(KeptWork, Vec<SeedRange>)>,
 }
 
-/// Counts of one draw: episodes are drawn from by themselves, drills of all kinds together.
+/// Counts of one draw: episodes and sequences are drawn from each by themselves, drills of all kinds together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct KeptDraw {
     /// What was taken of what another process kept.
@@ -132,12 +171,12 @@ pub struct KeptDraw {
 }
 
 impl KeptUse {
-    /// The two draws: of episodes, and of drills.
+    /// The three draws: of episodes, of drills, and of sequences.
     #[must_use]
-    pub fn draws(&self) -> [KeptDraw; 2] {
-        let mut draws = [KeptDraw::default(); 2];
+    pub fn draws(&self) -> [KeptDraw; 3] {
+        let mut draws = [KeptDraw::default(); 3];
         for block in &self.blocks {
-            let draw = &mut draws[usize::from(block.work != KeptWork::Episodes)];
+            let draw = &mut draws[block.work.draw() as usize];
             draw.foreign += SeedRange::count(&block.seeds).saturating_sub(u64::from(block.own));
             draw.rerun += SeedRange::count(&block.rerun);
         }
@@ -169,7 +208,8 @@ impl KeptUse {
                 line
             })
             .collect();
-        for (what, KeptDraw { foreign, rerun }) in ["episodes", "drills"].into_iter().zip(self.draws()) {
+        for (of, KeptDraw { foreign, rerun }) in DrawOf::ALL.into_iter().zip(self.draws()) {
+            let what = of.name();
             let (Ok(foreign), Ok(rerun)) = (u32::try_from(foreign), u32::try_from(rerun)) else { continue };
             if foreign > 0 {
                 let power = found(foreign, edited(foreign), rerun);
@@ -220,7 +260,11 @@ mod tests {
             ],
             refused: 2,
         };
-        assert_eq!(used.draws(), [KeptDraw { foreign: 300, rerun: 54 }, KeptDraw { foreign: 40, rerun: 31 }]);
+        let none = KeptDraw::default();
+        assert_eq!(
+            used.draws(),
+            [KeptDraw { foreign: 300, rerun: 54 }, KeptDraw { foreign: 40, rerun: 31 }, none]
+        );
         let told = used.lines().join("\n");
         for said in
             ["320 episodes", "0-319", "54 of 300 episodes", "0.953", "31 of 40 drills", "2 kept results"]

@@ -197,6 +197,12 @@ pub struct Evaluation {
     pub early_alpha: f64,
     /// Feasible drills of each kind, per version.
     pub drills_per_kind: u32,
+    /// Pairs of whole sequences, worked once the paired episodes reject nothing.
+    pub sandbox_sequences: u32,
+    /// How often an equally good version is doubted for its sequences at most.
+    pub sequence_alpha: f64,
+    /// By how much the share of sequences that go wrong may rise.
+    pub sequence_tolerance: f64,
     /// Error rate of the shadow comparison, shared by its signals and looks.
     pub shadow_alpha: f64,
     /// Whole sequences a shadow deployment has to work.

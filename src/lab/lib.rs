@@ -14,3 +14,6 @@ pub mod truth;
 
 #[cfg(test)]
 mod harm_cases;
+
+#[cfg(test)]
+mod sequence_cases;

@@ -107,7 +107,8 @@ fn values(measure: &Measure, width: usize) -> Row {
     let number = |value: Option<f64>| value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"));
     // The names of components are short; those of tails say what they are the tail of.
     let (name_width, value_width) = match (measure.limit.is_some(), width >= 60) {
-        (true, _) => (10, 6),
+        // A measure of harm, or of sequences, needs more room than a component.
+        (true, _) => (measure.name.chars().count().clamp(10, (width / 3).max(10)), 6),
         (false, true) => (38, 8),
         (false, false) => (14, 8),
     };

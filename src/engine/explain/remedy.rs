@@ -90,6 +90,9 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         Code::BehaviorHarmEstablished | Code::BehaviorHarmSuspicious => {
             format!("it may harm no more than the active version does, beyond the tolerance: {}", against(reason))
         }
+        Code::BehaviorSequenceWorse | Code::BehaviorSequenceSuspicious => {
+            format!("it has to leave the arm and the object as the skills after it need them: {}", against(reason))
+        }
         Code::BehaviorAsksMore => {
             "its manifest has to declare what its code asks for, or its code has to ask for no more".to_owned()
         }

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 use serde_json::Value;
 
-use holdpoint_governance::behavior;
+use holdpoint_governance::behavior::{self, SequenceEvidence};
 use holdpoint_governance::composition::{Kappas, PsiContext, psi, psi_after_shadow};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, MadeUnder};
@@ -28,6 +28,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::recovery;
+use holdpoint_governance::search::Searched;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{ApprovalEntry, EvidenceEntry, StoreError, Views};
 use holdpoint_runtime::capability::Capability;
@@ -304,8 +305,10 @@ impl<'a> Replayer<'a> {
 
     fn confirmed(&self, kept: &Confirmation, binding: &Binding, entry: &EvidenceEntry) -> Result<(), Failed> {
         let frame = self.frame(&binding.profile, &binding.policy)?;
-        // A confirmation works no episode under stress.
-        assessed(&kept.pairs, &kept.drills, (&kept.behavior, &kept.recovery), frame, 0)?;
+        // A confirmation works no episode under stress, and searches for nothing.
+        let beside =
+            BesidePairs { handovers: kept.handovers.as_ref(), unsafe_under_stress: 0, searched: None };
+        assessed(&kept.pairs, &kept.drills, (&kept.behavior, &kept.recovery), frame, &beside)?;
         match Digest::of_json("holdpoint.confirmation.v1", kept) {
             Ok(digest) if digest == entry.digest => Ok(()),
             _ => Err(Failed::Differs("the evidence is not the one whose digest is on record".to_owned())),
@@ -389,10 +392,22 @@ fn behaves(dossier: &Dossier, frame: &RulesInForce) -> Result<(), Failed> {
         hard_stops: dossier.hard_stops.clone(),
     };
     let drills = RecoveryEvidence { binding: *binding, candidate, active };
-    assessed(&pairs, &drills, (behavior, recovery), frame, dossier.unsafe_under_stress)?;
+    let beside = BesidePairs {
+        handovers: dossier.handovers.as_ref(),
+        unsafe_under_stress: dossier.unsafe_under_stress,
+        searched: dossier.searched.as_ref(),
+    };
+    assessed(&pairs, &drills, (behavior, recovery), frame, &beside)?;
     let Some(kappas) = &dossier.kappas else { return Err(NotReplayable::Unreadable.into()) };
     same("kappa_B", &kappas.behavior, &behavior.assessment)?;
     same("kappa_R", &kappas.recovery, &recovery.assessment)
+}
+
+/// What behaviour is judged by beside its pairs.
+struct BesidePairs<'a> {
+    handovers: Option<&'a SequenceEvidence>,
+    unsafe_under_stress: u32,
+    searched: Option<&'a Searched>,
 }
 
 /// Pairs and drills against what was made of them. Each rule asks again whether the evidence bears out that it ended
@@ -402,12 +417,14 @@ fn assessed(
     drills: &RecoveryEvidence,
     (behavior, recovery): (&behavior::BehaviorAssessment, &recovery::RecoveryAssessment),
     frame: &RulesInForce,
-    unsafe_under_stress: u32,
+    beside: &BesidePairs<'_>,
 ) -> Result<(), Failed> {
     let ended = behavior.ended.or(recovery.ended).unwrap_or(EndReason::Full);
     let profile = &frame.profile;
     let mut again = behavior::assess_ended(pairs, &pairs.binding, profile, ended);
-    behavior::doubt_under_stress(&mut again, unsafe_under_stress, MODE_EPISODES, profile);
+    behavior::judge_sequences(&mut again, beside.handovers, profile);
+    behavior::doubt_under_stress(&mut again, beside.unsafe_under_stress, MODE_EPISODES, profile);
+    behavior::doubt_by_search(&mut again, beside.searched, profile);
     same("behaviour", behavior, &again)?;
     same("recovery", recovery, &recovery::assess_ended(drills, &drills.binding, profile, ended))
 }

@@ -19,7 +19,7 @@ use holdpoint_runtime::task::TaskRecord;
 
 use super::closing::progress;
 use super::voided::void;
-use crate::binding::{binding, party};
+use crate::binding::{binding, party, team};
 use crate::cell::Conditions;
 use crate::context::Context;
 use crate::dossier::Dossiers;
@@ -128,7 +128,7 @@ pub fn slice(
     let store = ledger.store();
     let party = |version| party(context, ledger, dossiers, version);
     let (new, old) = (party(&candidate), party(&run.predecessor));
-    let lab = trials.lab(&context.cell, store);
+    let lab = trials.lab(&context.cell, store).beside(team(context, ledger, dossiers, &candidate));
     let Some(slice) = run.evaluation.step(&lab, &new, &old, &context.profile)? else {
         return Ok(ConfirmationStep::GoOn(run, 0));
     };
@@ -160,9 +160,10 @@ fn conclude(
     (evaluation, place): (&Evaluation, KeptPlace),
 ) -> Result<bool, Fault> {
     let (pairs, drills) = (evaluation.paired(), evaluation.rehearsed());
+    let handovers = evaluation.sequences().cloned();
     let (behavior, recovery) = evaluation.assess(&context.profile);
     let kept = evaluation.reuse().on_record(place);
-    let confirmation = Confirmation { pairs, drills, behavior, recovery, kept };
+    let confirmation = Confirmation { pairs, drills, handovers, behavior, recovery, kept };
     let json = serde_json::to_string(&confirmation)?;
     let digest = Digest::of_json("holdpoint.confirmation.v1", &confirmation)?;
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest };

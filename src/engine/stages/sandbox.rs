@@ -17,7 +17,7 @@ use holdpoint_runtime::task::TaskRecord;
 use super::closing::{abort_stage, decided, first_reason, progress, rejected, stage_note};
 use super::validation;
 use super::voided::void;
-use crate::binding::{binding, made_under, measured_terms_of, party};
+use crate::binding::{binding, made_under, measured_terms_of, party, team};
 use crate::cell::Conditions;
 use crate::context::Context;
 use crate::dossier::Dossiers;
@@ -114,6 +114,7 @@ pub fn begin(
     dossier.permissions = None;
     dossier.unsafe_under_stress = 0;
     dossier.searched = None;
+    dossier.handovers = None;
     dossier.sequences.clear();
     dossier.twins.clear();
     dossier.drills = Some((Drills::default(), Drills::default()));
@@ -183,6 +184,7 @@ impl Sandbox<'_> {
                 let party = |version| party(self.context, ledger, self.dossiers, version);
                 let (new, old) = (party(&candidate), party(&active));
                 let lab = self.trials.lab(&self.context.cell, ledger.store());
+                let lab = lab.beside(team(self.context, ledger, self.dossiers, &candidate));
                 let step = comparison.evaluation.step(&lab, &new, &old, &self.context.profile)?;
                 if let Some(slice) = step {
                     episodes = slice.worked;
@@ -221,6 +223,7 @@ impl Sandbox<'_> {
         dossier.pairs = paired.pairs;
         dossier.hard_stops = paired.hard_stops;
         dossier.drills = Some((rehearsed.candidate, rehearsed.active));
+        dossier.handovers = evaluation.sequences().cloned();
         let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
         dossier.note_use(candidate, &new);
         if !new.is_empty() {

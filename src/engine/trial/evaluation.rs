@@ -4,33 +4,31 @@
 //! pairs, ten drills, and a look after each. Only a rejection can come early. What advances has worked the
 //! whole budget. Source: design rules 3.4, 3.5, 5.3; reference section 4.1.
 
+mod plan;
+
+pub use plan::Plan;
+use plan::{NextSlice, Reached};
+
 use crate::fault::Fault;
 use crate::trial::drills::DrillResult;
 use crate::trial::lab::{DrillSpot, Lab, Outlook, Party};
 use crate::trial::reuse::Reuse;
-use crate::trial::seeds::{Purpose, episode_seed};
-use holdpoint_governance::behavior::{self, BehaviorAssessment};
+use crate::trial::seeds::episode_seed;
+use crate::trial::sequences::WorkedSequences;
+use holdpoint_governance::behavior::{
+    self, BehaviorAssessment, SequenceEvidence, SequencePair, SequenceStep,
+};
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::ended::EndReason;
 use holdpoint_governance::evidence::{
     Binding, DrillKind, DrillTally, Drills, HardStop, Pair, PairedEvidence, RecoveryEvidence,
 };
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, RecoveryAssessment};
 use holdpoint_runtime::task::TaskRecord;
-
-/// Pairs in one slice of work.
-const PAIRS_A_SLICE: u64 = 20;
-
-/// Drills in one slice of work.
-const DRILLS_A_SLICE: u64 = 10;
-
-/// Failed drills of a kind from which it may be suspected.
-const SUSPECT_FROM: u32 = 5;
-
-/// Most episodes and drills tried for the budget: some have no valid start.
-const ATTEMPTS_FACTOR: u64 = 2;
 
 /// Pieces of the active version's undisturbed work in which its phases are looked for, on the first seeds of the drills.
 const PHASE_PROBES: u64 = 5;
@@ -39,130 +37,8 @@ const PHASE_PROBES: u64 = 5;
 /// the budget is tried.
 const PHASE_SHOWN_IN: usize = 4;
 
-/// What is to be worked, and on which seeds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Plan {
-    pub pairs: u32,
-    /// Feasible drills of each kind, for both versions.
-    pub drills: u32,
-    /// Seeds of the pairs.
-    pub pair_seeds: Purpose,
-    /// Seeds of the drills.
-    pub drill_seeds: Purpose,
-}
-
-impl Plan {
-    /// The sandbox's plan under a profile.
-    #[must_use]
-    pub const fn sandbox(profile: &Profile) -> Self {
-        Self {
-            pairs: profile.evaluation.sandbox_pairs,
-            drills: profile.evaluation.drills_per_kind,
-            pair_seeds: Purpose::Perturbation,
-            drill_seeds: Purpose::Drill,
-        }
-    }
-
-    /// The same budget on seeds that the sandbox did not use.
-    #[must_use]
-    pub const fn confirmation(profile: &Profile) -> Self {
-        Self {
-            pair_seeds: Purpose::Confirmation,
-            drill_seeds: Purpose::ConfirmationDrill,
-            ..Self::sandbox(profile)
-        }
-    }
-
-    /// Pairs and drills together.
-    #[must_use]
-    pub fn budget(&self) -> u64 {
-        u64::from(self.pairs) + DrillKind::ALL.len() as u64 * u64::from(self.drills)
-    }
-}
-
-/// What the next slice is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum NextSlice {
-    Pairs,
-    Drills(DrillKind),
-}
-
 /// Slices that are worked ahead of what is asked for.
 const SLICES_AHEAD: usize = 2;
-
-/// How far an evaluation has come: whose turn it is follows from this and the plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Reached {
-    pairs: u64,
-    pairs_tried: u64,
-    drills: (Drills, Drills),
-    drills_tried: [u64; DrillKind::ALL.len()],
-    turns: usize,
-}
-
-impl Reached {
-    /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
-    /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
-    /// rules hold, and a candidate that cannot recover is known sooner.
-    fn next(&self, plan: &Plan) -> Option<NextSlice> {
-        let left = |kind: &DrillKind| {
-            let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
-            feasible < plan.drills
-                && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(plan.drills)
-        };
-        let kinds = DrillKind::ALL;
-        let drill =
-            (0..kinds.len()).map(|step| kinds[(self.turns / 2 + step) % kinds.len()]).find(|kind| left(kind));
-        let suspect = kinds.into_iter().filter(left).find(|kind| {
-            let tally = self.drills.0.of(*kind);
-            2 * tally.failed >= tally.feasible() && tally.failed >= SUSPECT_FROM
-        });
-        if let Some(kind) = suspect {
-            return Some(NextSlice::Drills(kind));
-        }
-        let budget = u64::from(plan.pairs);
-        let pairs = self.pairs < budget && self.pairs_tried < ATTEMPTS_FACTOR * budget;
-        match (pairs, drill) {
-            (true, Some(kind)) if self.turns % 2 == 1 => Some(NextSlice::Drills(kind)),
-            (true, _) => Some(NextSlice::Pairs),
-            (false, Some(kind)) => Some(NextSlice::Drills(kind)),
-            (false, None) => None,
-        }
-    }
-
-    /// The seeds of a slice, as places among its purpose's.
-    fn range(&self, plan: &Plan, slice: NextSlice) -> std::ops::Range<u64> {
-        match slice {
-            NextSlice::Pairs => {
-                let missing = u64::from(plan.pairs).saturating_sub(self.pairs);
-                self.pairs_tried..self.pairs_tried + PAIRS_A_SLICE.min(missing)
-            }
-            NextSlice::Drills(kind) => {
-                let tried = self.drills_tried[kind as usize];
-                tried..tried + DRILLS_A_SLICE
-            }
-        }
-    }
-
-    /// Takes a slice for worked, and everything in it for feasible and passed.
-    fn suppose(&mut self, plan: &Plan, slice: NextSlice) {
-        let range = self.range(plan, slice);
-        self.turns += 1;
-        match slice {
-            NextSlice::Pairs => {
-                self.pairs += range.end - range.start;
-                self.pairs_tried = range.end;
-            }
-            NextSlice::Drills(kind) => {
-                self.drills_tried[kind as usize] = range.end;
-                for _ in range {
-                    tally(&mut self.drills.0, kind, &[], &[DrillResult::Passed]);
-                    tally(&mut self.drills.1, kind, &[], &[DrillResult::Passed]);
-                }
-            }
-        }
-    }
-}
 
 /// What one slice did.
 #[derive(Debug)]
@@ -188,6 +64,9 @@ pub struct Evaluation {
     drills: (Drills, Drills),
     pairs_tried: u64,
     drills_tried: [u64; DrillKind::ALL.len()],
+    /// Absent until they are begun.
+    sequences: Option<SequenceEvidence>,
+    sequences_tried: u64,
     turns: usize,
     ended: Option<EndReason>,
     part: PartialSlice,
@@ -199,6 +78,7 @@ pub struct Evaluation {
 struct PartialSlice {
     pairs: Vec<(TaskRecord, TaskRecord)>,
     drills: (Vec<DrillResult>, Vec<DrillResult>),
+    sequences: Vec<WorkedSequences>,
 }
 
 impl Evaluation {
@@ -215,6 +95,8 @@ impl Evaluation {
             drills: (Drills::default(), Drills::default()),
             pairs_tried: 0,
             drills_tried: [0; DrillKind::ALL.len()],
+            sequences: None,
+            sequences_tried: 0,
             turns: 0,
             ended,
             part: PartialSlice::default(),
@@ -271,16 +153,27 @@ impl Evaluation {
         RecoveryEvidence { binding: self.binding, candidate: self.drills.0, active: self.drills.1 }
     }
 
+    /// The sequences so far, as the rules read them; absent until they are begun.
+    #[must_use]
+    pub const fn sequences(&self) -> Option<&SequenceEvidence> {
+        self.sequences.as_ref()
+    }
+
     /// How much of the budget is worked: what had no valid start and is tried again on another seed counts once.
     #[must_use]
     pub fn done(&self) -> u64 {
         let budget = u64::from(self.plan.drills);
-        self.pairs.len() as u64 + self.drills_tried.iter().map(|tried| budget.min(*tried)).sum::<u64>()
+        let drills: u64 = self.drills_tried.iter().map(|tried| budget.min(*tried)).sum();
+        self.pairs.len() as u64 + drills + self.sequences_worked()
     }
 
-    /// Pairs and drills worked, each try.
+    fn sequences_worked(&self) -> u64 {
+        self.sequences.as_ref().map_or(0, |evidence| evidence.pairs.len() as u64)
+    }
+
+    /// Pairs, drills and sequences worked, each try.
     fn tried(&self) -> u64 {
-        self.pairs_tried + self.drills_tried.iter().sum::<u64>()
+        self.pairs_tried + self.drills_tried.iter().sum::<u64>() + self.sequences_tried
     }
 
     /// Works one slice and looks whether the rest can still matter. `None`: the lab works in parts, and the slice
@@ -321,10 +214,20 @@ impl Evaluation {
                 }
                 format!("{} drills", kind.name())
             }
+            Some(NextSlice::Sequences) => {
+                if !self.sequence_slice(lab, candidate, active)? {
+                    return Ok(None);
+                }
+                "whole sequences".to_owned()
+            }
             None => "nothing is left".to_owned(),
         };
         self.turns += 1;
         self.look(profile);
+        if self.ended.is_none() && self.sequences.is_none() && self.next_turn() == Some(NextSlice::Sequences)
+        {
+            self.begin_sequences(lab, candidate, active, profile);
+        }
         if self.ended.is_some() {
             lab.expect(candidate, active, &[])?;
         }
@@ -348,7 +251,7 @@ impl Evaluation {
         candidate: &Party,
         active: &Party,
     ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, Fault> {
-        let seeds = self.seeds(lab, &self.standing());
+        let seeds = self.seeds(lab, &self.standing(), NextSlice::Pairs);
         let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.pairs(candidate, active, next, &mut self.reuse)?;
@@ -385,9 +288,67 @@ impl Evaluation {
             return Ok(false);
         }
         let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
-        self.drills_tried[kind as usize] += DRILLS_A_SLICE;
+        self.drills_tried[kind as usize] += spots.len() as u64;
         tally(&mut self.drills.0, kind, &spots, &of_candidate);
         tally(&mut self.drills.1, kind, &spots, &of_active);
+        Ok(true)
+    }
+
+    /// The turn of the sequences has come: nobody works them for a version that is rejected without them, and nobody can
+    /// where a place is empty.
+    fn begin_sequences(&mut self, lab: &Lab<'_>, candidate: &Party, active: &Party, profile: &Profile) {
+        let (behavior, recovery) = self.assess(profile);
+        let is_open =
+            matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
+        let is_lost = !is_open
+            || recovery.assessment.outcome == RecoveryOutcome::Incompatible
+                && !(profile.has_approver() && recovery_is_reviewable(&recovery.assessment));
+        if !is_lost {
+            self.sequences = Some(SequenceEvidence {
+                task: candidate.version.bundle.task(),
+                beside: lab.team.members().iter().map(|party| party.version.id()).collect(),
+                wanted: self.plan.sequences,
+                pairs: Vec::new(),
+            });
+        }
+        if is_lost || lab.team.cast(active).is_none() {
+            self.ended = Some(EndReason::Full);
+        }
+    }
+
+    /// Tells whether the slice is whole.
+    fn sequence_slice(&mut self, lab: &Lab<'_>, candidate: &Party, active: &Party) -> Result<bool, Fault> {
+        let beside: Vec<CapabilityId> = lab.team.members().iter().map(|party| party.version.id()).collect();
+        if let Some(evidence) = self.sequences.as_mut().filter(|evidence| evidence.beside != beside) {
+            // Another version has become active beside it: what was worked is about others.
+            evidence.pairs.clear();
+            evidence.beside = beside;
+            self.part.sequences.clear();
+            self.sequences_tried = 0;
+        }
+        if lab.team.cast(active).is_none() {
+            self.ended = Some(EndReason::Full);
+            return Ok(true);
+        }
+        let seeds = self.seeds(lab, &self.standing(), NextSlice::Sequences);
+        let open = seeds.get(self.part.sequences.len()..).unwrap_or_default();
+        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
+        let worked = lab.sequences(candidate, active, next, &mut self.reuse)?;
+        self.part.sequences.extend(worked);
+        if self.part.sequences.len() < seeds.len() {
+            return Ok(false);
+        }
+        self.sequences_tried += seeds.len() as u64;
+        let own = candidate.version.bundle.task();
+        for (seed, (new, old)) in seeds.into_iter().zip(std::mem::take(&mut self.part.sequences)) {
+            self.hard_stops
+                .extend(new.iter().filter(|record| record.task == own).filter_map(|record| record.hard_stop));
+            if let (Some(evidence), Some(candidate), Some(active)) =
+                (&mut self.sequences, steps(&new), steps(&old))
+            {
+                evidence.pairs.push(SequencePair { seed, active, candidate });
+            }
+        }
         Ok(true)
     }
 
@@ -397,6 +358,11 @@ impl Evaluation {
             pairs_tried: self.pairs_tried,
             drills: self.drills,
             drills_tried: self.drills_tried,
+            sequences: match &self.sequences {
+                Some(evidence) => evidence.pairs.len() as u64,
+                None => 0,
+            },
+            sequences_tried: self.sequences_tried,
             turns: self.turns,
         }
     }
@@ -405,9 +371,14 @@ impl Evaluation {
         self.standing().next(&self.plan)
     }
 
-    fn seeds(&self, lab: &Lab<'_>, standing: &Reached) -> Vec<u64> {
-        let range = standing.range(&self.plan, NextSlice::Pairs);
-        range.map(|index| episode_seed(lab.seed, self.plan.pair_seeds, index)).collect()
+    fn seeds(&self, lab: &Lab<'_>, standing: &Reached, slice: NextSlice) -> Vec<u64> {
+        let purpose = match slice {
+            NextSlice::Pairs => self.plan.pair_seeds,
+            NextSlice::Drills(_) => self.plan.drill_seeds,
+            NextSlice::Sequences => self.plan.sequence_seeds,
+        };
+        let range = standing.range(&self.plan, slice);
+        range.map(|index| episode_seed(lab.seed, purpose, index)).collect()
     }
 
     /// Where the drills of a slice begin: dealt round the phases by their place, and so the same for both versions.
@@ -425,14 +396,15 @@ impl Evaluation {
     /// drill fails; in the parts in which the lab is asked.
     fn outlook(&self, lab: &Lab<'_>, slice: NextSlice) -> Vec<Outlook> {
         let mut standing = self.standing();
-        let mut worked = self.part.pairs.len().max(self.part.drills.0.len());
+        let part = &self.part;
+        let mut worked = part.pairs.len().max(part.drills.0.len()).max(part.sequences.len());
         let (mut next, mut slices) = (Some(slice), Vec::new());
         for _ in 0..=SLICES_AHEAD {
             let Some(slice) = next else { break };
             let part = lab.part.max(1);
             match slice {
                 NextSlice::Pairs => {
-                    let seeds = self.seeds(lab, &standing);
+                    let seeds = self.seeds(lab, &standing, slice);
                     let open = seeds.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Outlook::Pairs(part.to_vec())));
                 }
@@ -440,6 +412,13 @@ impl Evaluation {
                     let spots = self.spots(lab, &standing, kind);
                     let open = spots.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Outlook::Drills(kind, part.to_vec())));
+                }
+                // Nobody works ahead what may not be asked for.
+                NextSlice::Sequences if self.sequences.is_none() => break,
+                NextSlice::Sequences => {
+                    let seeds = self.seeds(lab, &standing, slice);
+                    let open = seeds.get(worked..).unwrap_or_default();
+                    slices.extend(open.chunks(part).map(|part| Outlook::Sequences(part.to_vec())));
                 }
             }
             worked = 0;
@@ -472,11 +451,16 @@ impl Evaluation {
     #[must_use]
     pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
         let ended = self.ended.unwrap_or(EndReason::Full);
-        (
-            behavior::assess_ended(&self.paired(), &self.binding, profile, ended),
-            recovery::assess_ended(&self.rehearsed(), &self.binding, profile, ended),
-        )
+        let mut measured = behavior::assess_ended(&self.paired(), &self.binding, profile, ended);
+        behavior::judge_sequences(&mut measured, self.sequences.as_ref(), profile);
+        (measured, recovery::assess_ended(&self.rehearsed(), &self.binding, profile, ended))
     }
+}
+
+/// A side of a pair of sequences; `None` if the simulator failed in it.
+fn steps(records: &[TaskRecord]) -> Option<Vec<SequenceStep>> {
+    let step = |record: &TaskRecord| Some(SequenceStep { task: record.task, values: record.values()? });
+    records.iter().map(step).collect()
 }
 
 /// Counts drills of one kind, each where it began.

@@ -9,9 +9,12 @@ use std::sync::atomic::AtomicBool;
 use super::crew::{Chore, Crew, Errand};
 use super::drills::{Cast, DrillCase, DrillResult};
 use super::episodes::{alone, cache_key, pair};
+use super::outcome::ErrandOutcome;
+pub use super::party::Party;
 use super::reuse::{Reuse, Taken, value};
 use super::seeds::{Purpose, episode_seed};
-use super::undisturbed::{Shelf, TrialCase, Undisturbed};
+use super::sequences::{Team, WorkedSequences, sequence, sequences};
+use super::undisturbed::{Shelf, Undisturbed};
 use super::worker::Worker;
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::Fault;
@@ -24,17 +27,6 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::envelope::Point;
-
-/// What an errand of a lab comes to.
-pub enum ErrandOutcome {
-    /// An episode of one version.
-    Alone(Box<TaskRecord>),
-    /// The same episode of both: the candidate's, the active version's.
-    Pair(Box<[TaskRecord; 2]>),
-    Drill(DrillResult),
-    /// The phases that undisturbed work shows.
-    Phases(Vec<WorkPhase>),
-}
 
 /// Where a drill begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +41,7 @@ pub struct DrillSpot {
 pub enum Outlook {
     Pairs(Vec<u64>),
     Drills(DrillKind, Vec<DrillSpot>),
+    Sequences(Vec<u64>),
 }
 
 /// The cell, the workers and the cache that evaluations share.
@@ -66,6 +59,8 @@ pub struct Lab<'a> {
     pub cell: &'a Cell,
     /// Where results of the version compared with are kept.
     pub cells: &'a KeptCells,
+    /// Who works the tasks beside the candidate's in whole sequences.
+    pub team: Team,
 }
 
 /// A kept result as it was read.
@@ -74,36 +69,22 @@ struct KeptResult<T> {
     own: bool,
 }
 
-/// A version that takes part, with what it runs under.
-#[derive(Clone)]
-pub struct Party {
-    pub version: Capability,
-    /// Guard, envelope and watcher limits.
-    pub terms: SkillTerms,
-    /// What its manifest binds as a fallback, if that is in the registry.
-    pub fallback: Option<Capability>,
-}
-
 /// Both parties and the cell, for work on another thread.
 struct Matchup {
     cell: Cell,
     candidate: Party,
     active: Party,
+    team: Team,
     undisturbed: Arc<Shelf>,
 }
 
-impl Party {
-    fn trial<'a>(&'a self, cell: &'a Cell, conditions: Conditions, seed: u64) -> TrialCase<'a> {
-        TrialCase { cell, terms: &self.terms, version: &self.version, conditions, seed }
-    }
-
-    /// What determines its episode.
-    fn key(&self, cell: &Cell, conditions: Conditions, seed: u64) -> Digest {
-        cache_key(cell, &self.terms, &self.version, conditions, seed)
-    }
-}
-
 impl Lab<'_> {
+    /// With these beside the candidate in whole sequences.
+    #[must_use]
+    pub fn beside(self, team: Team) -> Self {
+        Self { team, ..self }
+    }
+
     /// Episodes of one version, by their place among a purpose's seeds.
     ///
     /// # Errors
@@ -246,6 +227,45 @@ impl Lab<'_> {
         Ok((of_candidate, of_active))
     }
 
+    /// Whole sequences of the given seeds with both versions in their place: the candidate's first. Says which were kept.
+    ///
+    /// # Errors
+    /// As [`Lab::episodes`], or if a place of the sequence is empty.
+    pub fn sequences(
+        &self,
+        candidate: &Party,
+        active: &Party,
+        seeds: &[u64],
+        reuse: &mut Reuse,
+    ) -> Result<Vec<WorkedSequences>, Fault> {
+        let mut known: Vec<Option<KeptResult<Vec<TaskRecord>>>> = Vec::with_capacity(seeds.len());
+        for seed in seeds {
+            known.push(self.kept(&self.sequence_key(active, *seed), reuse));
+        }
+        let table = self.table(candidate, active);
+        let errands = seeds.iter().zip(&known).map(|(seed, known)| table.sequences(*seed, known.is_some()));
+        let outcomes = self.crew.work(errands.collect(), self.cancel)?;
+        let mut pairs = Vec::with_capacity(seeds.len());
+        for ((outcome, known), seed) in outcomes.into_iter().zip(known).zip(seeds) {
+            let (new, fresh) = outcome.sequences()?;
+            let old = match (fresh, known) {
+                (Some(old), _) => {
+                    self.cells.put(&self.sequence_key(active, *seed), &serde_json::to_vec(&old)?)?;
+                    old
+                }
+                (None, Some(KeptResult { result, own })) => {
+                    let value = value(&serde_json::to_vec(&result)?);
+                    reuse.take(Taken { work: KeptWork::Sequences, phase: None, seed: *seed, value, own });
+                    result
+                }
+                (None, None) => break,
+            };
+            pairs.push((new, old));
+        }
+        complete(&pairs, seeds.len())?;
+        Ok(pairs)
+    }
+
     /// Says what will probably be asked for next: whoever has nothing else to do begins with it. Changes no result.
     ///
     /// # Errors
@@ -270,6 +290,12 @@ impl Lab<'_> {
                     let known = self.kept_drills(active, *kind, spots, &mut unsaid).is_some();
                     errands.extend(table.drills(*kind, spots, known));
                 }
+                Outlook::Sequences(seeds) => {
+                    let mut known =
+                        |seed| self.kept::<Vec<TaskRecord>>(&self.sequence_key(active, seed), &mut unsaid);
+                    let both = |seed: &u64| table.sequences(*seed, known(*seed).is_some());
+                    errands.extend(seeds.iter().map(both));
+                }
             }
         }
         self.crew.expect(errands)
@@ -280,6 +306,7 @@ impl Lab<'_> {
             cell: self.cell.clone(),
             candidate: candidate.clone(),
             active: active.clone(),
+            team: self.team.clone(),
             undisturbed: Arc::clone(self.undisturbed),
         })
     }
@@ -290,6 +317,7 @@ impl Lab<'_> {
             cell: self.cell.with_sandbox(self.cell.sandbox.at(point)),
             candidate: candidate.clone(),
             active: active.clone(),
+            team: self.team.clone(),
             undisturbed: Arc::clone(self.undisturbed),
         })
     }
@@ -310,6 +338,7 @@ impl Lab<'_> {
         for outcome in outcomes {
             bytes.push(match outcome {
                 ErrandOutcome::Drill(result) => serde_json::to_vec(&result)?,
+                ErrandOutcome::Sequences(records, _) => serde_json::to_vec(&records)?,
                 ErrandOutcome::Alone(_) | ErrandOutcome::Pair(_) | ErrandOutcome::Phases(_) => {
                     serde_json::to_vec(&without_path(&outcome.pair()?.0))?
                 }
@@ -326,6 +355,16 @@ impl Lab<'_> {
     fn episode_key(&self, party: &Party, seed: u64) -> Digest {
         let scenario = cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed);
         key(&party.version, scenario, seed)
+    }
+
+    /// Everybody in the sequence decides what it comes to.
+    fn sequence_key(&self, party: &Party, seed: u64) -> Digest {
+        let under =
+            |party: &Party| cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed);
+        let cast = std::iter::once(party).chain(self.team.members()).map(under);
+        let digests: Vec<Digest> = cast.collect();
+        let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
+        key(&party.version, Digest::of_parts("holdpoint.sequence.v1", &parts), seed)
     }
 
     fn drill_key(&self, party: &Party, kind: DrillKind, spots: &[DrillSpot]) -> Digest {
@@ -445,11 +484,37 @@ impl Matchup {
         }
     }
 
+    /// A whole sequence with both versions in their place, or the candidate's alone where the other's is known.
+    fn sequences(self: &Arc<Self>, seed: u64, known: bool) -> Errand<ErrandOutcome> {
+        let table = Arc::clone(self);
+        let under = |party: &Party| party.key(&self.cell, Conditions::Sandbox, seed);
+        let others = self.team.members().iter().map(under);
+        let cast: Vec<Digest> =
+            [under(&self.candidate), under(&self.active)].into_iter().chain(others).collect();
+        Errand {
+            key: errand_key(if known { "sequence" } else { "sequences" }, &cast),
+            work: Box::new(move |worker: &mut Worker| {
+                let Matchup { cell, candidate, active, team, .. } = &*table;
+                let place = candidate.version.bundle.task();
+                let kept = |records: Vec<TaskRecord>| records.iter().map(without_path).collect::<Vec<_>>();
+                match (team.cast(candidate), team.cast(active)) {
+                    (Some(new), Some(old)) if !known => {
+                        let [new, old] = sequences(worker, cell, [new, old], place, seed);
+                        ErrandOutcome::Sequences(kept(new), Some(kept(old)))
+                    }
+                    (Some(new), _) => ErrandOutcome::Sequences(kept(sequence(worker, cell, new, seed)), None),
+                    (None, _) => ErrandOutcome::Sequences(Vec::new(), None),
+                }
+            }),
+        }
+    }
+
     /// What was kept of the active version, once more.
     fn again(self: &Arc<Self>, work: KeptWork, spot: DrillSpot) -> Errand<ErrandOutcome> {
         match work {
             KeptWork::Episodes => self.pair(spot.seed, true),
             KeptWork::Drills(kind) => self.drill_errand(false, kind, spot),
+            KeptWork::Sequences => self.sequences(spot.seed, true),
         }
     }
 
@@ -493,40 +558,6 @@ impl Matchup {
             self.undisturbed.put(key, work);
         }
         ErrandOutcome::Drill(result)
-    }
-}
-
-impl ErrandOutcome {
-    /// An episode, and the other version's if it was worked too.
-    fn pair(self) -> Result<(TaskRecord, Option<TaskRecord>), Fault> {
-        match self {
-            Self::Alone(record) => Ok((*record, None)),
-            Self::Pair(records) => {
-                let [new, old] = *records;
-                Ok((new, Some(old)))
-            }
-            Self::Drill(_) | Self::Phases(_) => {
-                Err(Fault::Impossible("a drill was handed over for an episode".to_owned()))
-            }
-        }
-    }
-
-    fn phases(self) -> Result<Vec<WorkPhase>, Fault> {
-        match self {
-            Self::Phases(phases) => Ok(phases),
-            Self::Drill(_) | Self::Alone(_) | Self::Pair(_) => {
-                Err(Fault::Impossible("something else was handed over for phases".to_owned()))
-            }
-        }
-    }
-
-    fn drill(self) -> Result<DrillResult, Fault> {
-        match self {
-            Self::Drill(result) => Ok(result),
-            Self::Alone(_) | Self::Pair(_) | Self::Phases(_) => {
-                Err(Fault::Impossible("an episode was handed over for a drill".to_owned()))
-            }
-        }
     }
 }
 

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::fault::Fault;
 use crate::trial::lab::{DrillSpot, Lab, Party};
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::kept::{KeptBlock, KeptPlace, KeptUse, KeptVoid, KeptWork, SeedRange};
+use holdpoint_governance::kept::{DrawOf, KeptBlock, KeptPlace, KeptUse, KeptVoid, KeptWork, SeedRange};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::stats::spot_check::spot_check;
 
@@ -107,14 +107,14 @@ impl Reuse {
         Ok(())
     }
 
-    /// Places to be run again: of episodes and of drills so many that their check has its power.
+    /// Places to be run again: of episodes, drills and sequences so many that the check of each has its power.
     fn draw(&self, lab: &Lab<'_>) -> Result<Vec<usize>, Fault> {
         let mut drawn = Vec::new();
-        for episodes in [true, false] {
+        for of in DrawOf::ALL {
             // Seeds may come round again in a large budget: one answer is enough.
             let mut seen = BTreeSet::new();
             let mut is_in = |taken: &Taken| {
-                let is_of = !taken.own && (taken.work == KeptWork::Episodes) == episodes;
+                let is_of = !taken.own && taken.work.draw() == of;
                 is_of && seen.insert((taken.work, taken.seed))
             };
             let foreign: Vec<usize> =

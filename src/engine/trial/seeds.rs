@@ -30,16 +30,22 @@ pub enum Purpose {
     ConfirmationDrill,
     /// Noise of the episodes that a search tries.
     Search,
+    /// Whole sequences of the sandbox.
+    Sequence,
+    /// Whole sequences of the confirmation.
+    ConfirmationSequence,
 }
 
 impl Purpose {
     const fn range(self) -> (u64, u64) {
         match self {
             Self::Perturbation => (0, 2_000),
-            Self::Canonical => (2_000, 500),
+            Self::Canonical => (2_000, 250),
+            Self::Sequence => (2_250, 250),
             Self::Adversarial => (2_500, 500),
             Self::Drill => (3_000, 1_500),
-            Self::Search => (4_500, 500),
+            Self::Search => (4_500, 250),
+            Self::ConfirmationSequence => (4_750, 250),
             Self::Live => (5_000, 4_000),
             Self::Confirmation => (9_000, 800),
             Self::ConfirmationDrill => (9_800, 200),
@@ -64,12 +70,14 @@ pub const fn practice_seed(search_seed: u32, index: u64) -> u64 {
 mod tests {
     use super::*;
 
-    const PURPOSES: [Purpose; 8] = [
+    const PURPOSES: [Purpose; 10] = [
         Purpose::Perturbation,
         Purpose::Canonical,
+        Purpose::Sequence,
         Purpose::Adversarial,
         Purpose::Drill,
         Purpose::Search,
+        Purpose::ConfirmationSequence,
         Purpose::Live,
         Purpose::Confirmation,
         Purpose::ConfirmationDrill,

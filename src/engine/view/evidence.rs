@@ -4,7 +4,7 @@
 
 use crate::dossier::Dossier;
 use crate::trial::measures::{ComparedParty, Metric, ModeMetrics, WorkedMode};
-use holdpoint_governance::behavior::{self, ComponentName};
+use holdpoint_governance::behavior::{self, ComponentName, SequenceMeasure};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Evaluation;
@@ -41,7 +41,19 @@ pub(super) fn behavior(dossier: &Dossier) -> Vec<Measure> {
         limit: Some(harm.tolerance),
         n,
     });
-    components.chain(harm).collect()
+    // Of the measures of harm after it those that put it in doubt.
+    let told = behavior.sequences.iter().filter(|found| {
+        !matches!(found.measure, SequenceMeasure::Harm(_)) || found.is_doubtful() || found.is_established()
+    });
+    let sequences = told.map(|found| Measure {
+        name: format!("sequences: {}", found.measure.words()),
+        candidate: Some(found.candidate),
+        active: Some(found.active),
+        interval: Some([found.lower, found.upper]),
+        limit: Some(found.tolerance),
+        n: u64::from(found.pairs),
+    });
+    components.chain(harm).chain(sequences).collect()
 }
 
 const fn mean(means: &Signature, name: ComponentName) -> f64 {

@@ -92,6 +92,10 @@ reason_codes! {
     BehaviorHarmEstablished = "behavior-harm-established",
     /// A measure of harm may be worse beyond its tolerance; the evidence does not exclude it.
     BehaviorHarmSuspicious = "behavior-harm-suspicious",
+    /// In whole sequences with it in its place the work, or what the skills after it do, is established as worse.
+    BehaviorSequenceWorse = "behavior-sequence-worse",
+    /// In whole sequences the work, or what the skills after it do, may be worse; or they could not be worked.
+    BehaviorSequenceSuspicious = "behavior-sequence-suspicious",
     /// It asks for more speed or force than its manifest declares, in more episodes than the profile lets pass.
     BehaviorAsksMore = "behavior-asks-more",
     /// A component improved (reported apart, never counted).
@@ -282,6 +286,8 @@ impl ReasonCode {
             | Self::BehaviorSafetyTraded
             | Self::BehaviorHarmEstablished
             | Self::BehaviorHarmSuspicious
+            | Self::BehaviorSequenceWorse
+            | Self::BehaviorSequenceSuspicious
             | Self::BehaviorAsksMore
             | Self::BehaviorImproved
             | Self::BehaviorHardStop

@@ -17,6 +17,7 @@ use holdpoint_engine::trial::crew::Crew;
 use holdpoint_engine::trial::lab::{Lab, Party};
 use holdpoint_engine::trial::search::{Search, SearchStyle};
 use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_engine::trial::sequences::Team;
 use holdpoint_engine::trial::undisturbed::Shelf;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
@@ -76,6 +77,7 @@ fn main() {
                 cancel: &cancel,
                 cell: &cell,
                 cells: &cells,
+                team: Team::default(),
             };
             let by = |style| search(&lab, [&candidate, &active], style, &profile.harm);
             let (by_search, by_draws) = (by(SearchStyle::Evolution), by(SearchStyle::Random));

@@ -148,7 +148,7 @@ fn what_was_kept_is_taken_after_a_spot_check_and_changes_no_event() {
     assert_eq!(told_by(&events), told_by(told));
     let used = kept(&mut second, &id).unwrap();
     assert_eq!((used.place, used.refused), (KeptPlace::Store, 0));
-    let [episodes, drills] = used.draws();
+    let [episodes, drills, _] = used.draws();
     assert!(episodes.foreign >= 20 && episodes.rerun >= 19, "{episodes:?}");
     assert!(drills.foreign >= 10 && drills.rerun >= 10, "{drills:?}");
     assert_eq!(records(&second, RecordKind::KeptVoided), Vec::<String>::new());

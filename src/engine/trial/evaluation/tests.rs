@@ -4,6 +4,7 @@ use super::*;
 use crate::cell::Cell;
 use crate::trial::crew::Crew;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::trial::sequences::Team;
 use crate::trial::undisturbed::Shelf;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::Digest;
@@ -21,6 +22,7 @@ fn small() -> Profile {
     let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
     profile.evaluation.sandbox_pairs = 50;
     profile.evaluation.drills_per_kind = 20;
+    profile.evaluation.sandbox_sequences = 0;
     profile
 }
 
@@ -57,6 +59,16 @@ fn evaluate_versions(
     candidate: &Capability,
     active: &Capability,
     profile: &Profile,
+    at: (usize, u64),
+) -> (Evaluation, Vec<String>) {
+    evaluate_beside(candidate, active, &[], profile, at)
+}
+
+fn evaluate_beside(
+    candidate: &Capability,
+    active: &Capability,
+    beside: &[Capability],
+    profile: &Profile,
     (part, seed): (usize, u64),
 ) -> (Evaluation, Vec<String>) {
     let cell = Cell::builtin().unwrap();
@@ -78,6 +90,7 @@ fn evaluate_versions(
         cancel: &cancel,
         cell: &cell,
         cells: store.cells(),
+        team: Team::beside(active.bundle.task(), beside.iter().map(party)),
     };
     let (candidate, active) = (party(candidate), party(active));
     let mut evaluation = Evaluation::new(Plan::sandbox(profile), binding(), Vec::new());
@@ -149,6 +162,7 @@ fn a_hard_stop_before_the_first_pair_ends_it() {
 fn recoveries(folder: &str, changes: &[(&str, &str)], seeds: u64) -> Vec<(RecoveryOutcome, Vec<ReasonCode>)> {
     let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
     profile.evaluation.sandbox_pairs = 20;
+    profile.evaluation.sandbox_sequences = 0;
     let (candidate, active) = (version(folder, changes), version(folder, &[]));
     let recovery = |seed| {
         let (evaluation, _) = evaluate_versions(&candidate, &active, &profile, (usize::MAX, seed));
@@ -206,4 +220,106 @@ fn judge_packages(seeds: u64) {
 fn packages_with_bad_hooks_are_lost_and_honest_ones_are_kept() {
     let seeds = std::env::var("HOLDPOINT_JUDGED_SEEDS").ok().and_then(|text| text.parse().ok());
     judge_packages(seeds.unwrap_or(1));
+}
+
+/// An align that trusts the object to hang in the middle of the hand.
+const TRUSTING: (&str, &str) = ("measure_pictures = 4", "measure_pictures = 0");
+
+/// Holds the object 24 mm above its middle, where the baseline holds it 6 mm above.
+const HIGH: (&str, &str) = ("grasp_offset_m = 0.006", "grasp_offset_m = 0.024");
+
+fn with_sequences() -> Profile {
+    let mut profile = small();
+    profile.evaluation.sandbox_pairs = 100;
+    profile.evaluation.drills_per_kind = 40;
+    profile.evaluation.sandbox_sequences = 40;
+    profile
+}
+
+/// A grasp that holds the object high, and what its whole sandbox says of it beside an align.
+fn held_high(align: &[(&str, &str)], part: usize) -> (Evaluation, Vec<String>) {
+    let beside = [version("align/1.0.0", align), version("place/1.0.0", &[])];
+    let (candidate, active) = (version("grasp/1.0.0", &[HIGH]), version("grasp/1.0.0", &[]));
+    evaluate_beside(&candidate, &active, &beside, &with_sequences(), (part, 1))
+}
+
+#[test]
+fn a_handover_that_is_bad_for_the_next_skill_alone_is_found_by_sequences() {
+    let profile = with_sequences();
+    let (evaluation, order) = held_high(&[TRUSTING], usize::MAX);
+    let own = behavior::assess_ended(&evaluation.paired(), &binding(), &profile, EndReason::Full);
+    assert_eq!(own.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", own.assessment.reasons);
+    let sequences = evaluation.sequences().unwrap();
+    assert_eq!((sequences.pairs.len(), sequences.beside.len()), (40, 2));
+    let first = order.iter().position(|what| what == "whole sequences").unwrap();
+    assert!(order[first..].iter().all(|what| what == "whole sequences"), "they come last: {order:?}");
+    assert_eq!(evaluation.done(), evaluation.plan.budget());
+    let (found, _) = evaluation.assess(&profile);
+    assert_eq!(found.assessment.outcome, BehaviorOutcome::Incompatible);
+    let reason = &found.assessment.reasons[0];
+    assert_eq!(reason.code, ReasonCode::BehaviorSequenceWorse);
+    assert!(reason.text.contains("the next skill, align, fails in"), "{reason}");
+
+    let (parts, _) = held_high(&[TRUSTING], 3);
+    assert_eq!(parts.sequences(), evaluation.sequences(), "parts of a slice change no result");
+}
+
+#[test]
+fn a_handover_that_the_next_skill_makes_up_for_is_kept() {
+    let (evaluation, _) = held_high(&[], usize::MAX);
+    let (found, _) = evaluation.assess(&with_sequences());
+    assert_eq!(found.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", found.assessment.reasons);
+    assert!(!found.sequences.is_empty());
+}
+
+#[test]
+fn no_sequence_is_worked_for_who_is_rejected_without_and_none_can_be_with_an_empty_place() {
+    let mut profile = with_sequences();
+    profile.evaluation.sandbox_pairs = 50;
+    let slam = ("close_speed_m_s = 0.12", "close_speed_m_s = 0.6");
+    let beside = [version("align/1.0.0", &[]), version("place/1.0.0", &[])];
+    let (candidate, active) = (version("grasp/1.0.0", &[slam]), version("grasp/1.0.0", &[]));
+    let (evaluation, _) = evaluate_beside(&candidate, &active, &beside, &profile, (usize::MAX, 1));
+    let (found, _) = evaluation.assess(&profile);
+    assert_eq!(found.assessment.outcome, BehaviorOutcome::Incompatible);
+    assert_eq!(evaluation.sequences(), None);
+
+    let profile = with_sequences();
+    let (evaluation, _) = evaluate_beside(&active, &active, &beside[..1], &profile, (usize::MAX, 1));
+    assert_eq!(evaluation.ended(), Some(EndReason::Full));
+    let (found, _) = evaluation.assess(&profile);
+    assert_eq!(found.assessment.outcome, BehaviorOutcome::Suspicious);
+    let reason = &found.assessment.reasons[0];
+    assert_eq!(reason.code, ReasonCode::BehaviorSequenceSuspicious);
+    assert!(reason.text.contains("another family has no active version"), "{reason}");
+}
+
+/// Seconds of processor time that this process has used, where the system tells it.
+fn processor_secs() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
+    after.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
+}
+
+/// What sequences add to the cost of a whole evaluation but for its search, family by family, with nothing kept; where
+/// `HOLDPOINT_SEQUENCE_COST` asks for it.
+#[test]
+fn what_sequences_cost() {
+    if std::env::var("HOLDPOINT_SEQUENCE_COST").is_err() {
+        return;
+    }
+    let all = ["grasp/1.0.0", "align/1.0.0", "place/1.0.0"].map(|folder| version(folder, &[]));
+    let better = ["grasp-improved", "align-improved", "place-robust"];
+    for (own, better) in all.iter().zip(better) {
+        let candidate = version(&format!("candidates/{better}"), &[]);
+        let seconds = |sequences| {
+            let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+            profile.evaluation.sandbox_sequences = sequences;
+            let begun = processor_secs();
+            evaluate_beside(&candidate, own, &all, &profile, (usize::MAX, 1));
+            processor_secs() - begun
+        };
+        let (without, with) = (seconds(0), seconds(50));
+        println!("{}: {without:.2} s without, {with:.2} s with 50", own.id());
+    }
 }

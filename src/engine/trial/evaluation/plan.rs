@@ -1,0 +1,167 @@
+//! What an evaluation works, in which order and on which seeds. Knows counts and nothing of what came of them.
+
+use super::tally;
+use crate::trial::drills::DrillResult;
+use crate::trial::seeds::Purpose;
+use holdpoint_governance::evidence::{DrillKind, Drills};
+use holdpoint_governance::profile::Profile;
+
+/// Pairs in one slice of work.
+const PAIRS_A_SLICE: u64 = 20;
+
+/// Drills in one slice of work.
+const DRILLS_A_SLICE: u64 = 10;
+
+/// Failed drills of a kind from which it may be suspected.
+const SUSPECT_FROM: u32 = 5;
+
+/// Most episodes and drills tried for the budget: some have no valid start.
+const ATTEMPTS_FACTOR: u64 = 2;
+
+/// Pairs of sequences in one slice of work.
+const SEQUENCES_A_SLICE: u64 = 10;
+
+/// What is to be worked, and on which seeds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Plan {
+    pub pairs: u32,
+    /// Feasible drills of each kind, for both versions.
+    pub drills: u32,
+    /// Seeds of the pairs.
+    pub pair_seeds: Purpose,
+    /// Seeds of the drills.
+    pub drill_seeds: Purpose,
+    /// Pairs of whole sequences, if pairs and drills reject nothing.
+    pub sequences: u32,
+    /// Seeds of the sequences.
+    pub sequence_seeds: Purpose,
+}
+
+impl Plan {
+    /// The sandbox's plan under a profile.
+    #[must_use]
+    pub const fn sandbox(profile: &Profile) -> Self {
+        Self {
+            pairs: profile.evaluation.sandbox_pairs,
+            drills: profile.evaluation.drills_per_kind,
+            pair_seeds: Purpose::Perturbation,
+            drill_seeds: Purpose::Drill,
+            sequences: profile.evaluation.sandbox_sequences,
+            sequence_seeds: Purpose::Sequence,
+        }
+    }
+
+    /// The same budget on seeds that the sandbox did not use.
+    #[must_use]
+    pub const fn confirmation(profile: &Profile) -> Self {
+        Self {
+            pair_seeds: Purpose::Confirmation,
+            drill_seeds: Purpose::ConfirmationDrill,
+            sequence_seeds: Purpose::ConfirmationSequence,
+            ..Self::sandbox(profile)
+        }
+    }
+
+    /// Pairs, drills and sequences together.
+    #[must_use]
+    pub fn budget(&self) -> u64 {
+        let episodes = u64::from(self.pairs) + u64::from(self.sequences);
+        episodes + DrillKind::ALL.len() as u64 * u64::from(self.drills)
+    }
+}
+
+/// What the next slice is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum NextSlice {
+    Pairs,
+    Drills(DrillKind),
+    Sequences,
+}
+
+/// How far an evaluation has come: whose turn it is follows from this and the plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Reached {
+    pub(super) pairs: u64,
+    pub(super) pairs_tried: u64,
+    pub(super) drills: (Drills, Drills),
+    pub(super) drills_tried: [u64; DrillKind::ALL.len()],
+    pub(super) sequences: u64,
+    pub(super) sequences_tried: u64,
+    pub(super) turns: usize,
+}
+
+impl Reached {
+    /// Pairs and drills take turns while both are left; the kinds of drills take turns among themselves. A kind
+    /// that mostly fails goes first: the order within a kind stays as it was committed to, so that both stopping
+    /// rules hold, and a candidate that cannot recover is known sooner. Sequences come last.
+    pub(super) fn next(&self, plan: &Plan) -> Option<NextSlice> {
+        let left = |kind: &DrillKind| {
+            let feasible = self.drills.0.of(*kind).feasible().min(self.drills.1.of(*kind).feasible());
+            feasible < plan.drills
+                && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(plan.drills)
+        };
+        let kinds = DrillKind::ALL;
+        let drill =
+            (0..kinds.len()).map(|step| kinds[(self.turns / 2 + step) % kinds.len()]).find(|kind| left(kind));
+        let suspect = kinds.into_iter().filter(left).find(|kind| {
+            let tally = self.drills.0.of(*kind);
+            2 * tally.failed >= tally.feasible() && tally.failed >= SUSPECT_FROM
+        });
+        if let Some(kind) = suspect {
+            return Some(NextSlice::Drills(kind));
+        }
+        let budget = u64::from(plan.pairs);
+        let pairs = self.pairs < budget && self.pairs_tried < ATTEMPTS_FACTOR * budget;
+        match (pairs, drill) {
+            (true, Some(kind)) if self.turns % 2 == 1 => Some(NextSlice::Drills(kind)),
+            (true, _) => Some(NextSlice::Pairs),
+            (false, Some(kind)) => Some(NextSlice::Drills(kind)),
+            (false, None) => {
+                let wanted = u64::from(plan.sequences);
+                let left = self.sequences < wanted && self.sequences_tried < ATTEMPTS_FACTOR * wanted;
+                left.then_some(NextSlice::Sequences)
+            }
+        }
+    }
+
+    /// The seeds of a slice, as places among its purpose's.
+    pub(super) fn range(&self, plan: &Plan, slice: NextSlice) -> std::ops::Range<u64> {
+        match slice {
+            NextSlice::Pairs => {
+                let missing = u64::from(plan.pairs).saturating_sub(self.pairs);
+                self.pairs_tried..self.pairs_tried + PAIRS_A_SLICE.min(missing)
+            }
+            NextSlice::Drills(kind) => {
+                let tried = self.drills_tried[kind as usize];
+                tried..tried + DRILLS_A_SLICE
+            }
+            NextSlice::Sequences => {
+                let missing = u64::from(plan.sequences).saturating_sub(self.sequences);
+                self.sequences_tried..self.sequences_tried + SEQUENCES_A_SLICE.min(missing)
+            }
+        }
+    }
+
+    /// Takes a slice for worked, and everything in it for feasible and passed.
+    pub(super) fn suppose(&mut self, plan: &Plan, slice: NextSlice) {
+        let range = self.range(plan, slice);
+        self.turns += 1;
+        match slice {
+            NextSlice::Pairs => {
+                self.pairs += range.end - range.start;
+                self.pairs_tried = range.end;
+            }
+            NextSlice::Drills(kind) => {
+                self.drills_tried[kind as usize] = range.end;
+                for _ in range {
+                    tally(&mut self.drills.0, kind, &[], &[DrillResult::Passed]);
+                    tally(&mut self.drills.1, kind, &[], &[DrillResult::Passed]);
+                }
+            }
+            NextSlice::Sequences => {
+                self.sequences += range.end - range.start;
+                self.sequences_tried = range.end;
+            }
+        }
+    }
+}

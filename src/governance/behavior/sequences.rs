@@ -1,0 +1,424 @@
+//! What a candidate leaves behind for the skills that work after it: whole sequences, compared in pairs.
+//!
+//! A sequence is worked with the candidate in its place and the active versions of the other families in theirs, and
+//! on the same seed with the active version in its place. Judged is what comes after the handover, in the pairs in which
+//! both came so far: whether the sequence was done, and how the skills that *follow* went about it. How the candidate
+//! itself works is compared in far more pairs of its own; one of the last skill is judged by whether it did its work on
+//! what its neighbours really hand over. An equally good version
+//! is doubted at most as often as `sequence_alpha` says (Bonferroni): half of it is for sequences not done, a sixth each for
+//! violations, for anomalies, and for time, bad episodes and the measures of harm together. A worsening beyond its
+//! tolerance that is established makes a version incompatible; one that is established at all (of a share), or beyond
+//! half of its tolerance (of a measured quantity, where trifles can be established), puts it in doubt. What is not
+//! excluded is no doubt here: so few sequences exclude nothing small. Source: design rule 3.4.
+
+use holdpoint_body::TaskKind;
+use serde::{Deserialize, Serialize};
+
+use super::{BehaviorAssessment, SUSPICIOUS_FACTOR, conditions_of_doubt, real_pairs};
+use crate::decision::{Dimension, Reason, ReasonCode};
+use crate::evidence::EpisodeValues;
+use crate::harm::{HarmKind, HarmMeasures};
+use crate::ids::CapabilityId;
+use crate::outcome::BehaviorOutcome;
+use crate::profile::Profile;
+use crate::stats::{PairedCounts, binary_pairs};
+
+/// One task of a sequence, as it was worked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SequenceStep {
+    /// The task; who worked it says [`SequenceEvidence::beside`].
+    pub task: TaskKind,
+    /// What it gave.
+    pub values: EpisodeValues,
+}
+
+/// The same sequence with either version in its place. A side ends with the first task that was not done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SequencePair {
+    /// Seed of the sequence; no two pairs share one.
+    pub seed: u64,
+    /// With the active version in its place.
+    pub active: Vec<SequenceStep>,
+    /// With the candidate in its place.
+    pub candidate: Vec<SequenceStep>,
+}
+
+/// The sequences of one evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SequenceEvidence {
+    /// The place of the candidate.
+    pub task: TaskKind,
+    /// The active versions that worked the other tasks, in order; one is missing if a family has none.
+    pub beside: Vec<CapabilityId>,
+    /// How many the profile asks for.
+    pub wanted: u32,
+    /// In ascending order of seed; empty if they could not be worked.
+    pub pairs: Vec<SequencePair>,
+}
+
+/// What is compared of sequences; in records a word, or the name of a measure of harm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SequenceMeasure {
+    /// Share of sequences that came to the handover and were not done.
+    NotDone,
+    /// Share of sequences in which a skill that follows passed a limit of policy.
+    Violation,
+    /// Share of sequences in which a skill that follows showed an anomaly.
+    Anomaly,
+    /// Share of sequences in which a skill that follows passed the limit of any measure of harm.
+    PastLimit,
+    /// Relative increase of the time of the skills that follow, over pairs in which both sequences were done.
+    Time,
+    /// A measure of harm at its worst over the skills that follow, over the same pairs, in its unit.
+    Harm(HarmKind),
+}
+
+impl SequenceMeasure {
+    /// What it is, in running text, with its unit.
+    #[must_use]
+    pub fn words(self) -> String {
+        match self {
+            Self::NotDone => "not done".to_owned(),
+            Self::Violation => "a violation after it".to_owned(),
+            Self::Anomaly => "an anomaly after it".to_owned(),
+            Self::PastLimit => "past a limit of harm after it".to_owned(),
+            Self::Time => "time after it, s".to_owned(),
+            Self::Harm(kind) => match kind.unit() {
+                "" => format!("{} after it", kind.words()),
+                unit => format!("{} after it, {unit}", kind.words()),
+            },
+        }
+    }
+}
+
+/// One comparison over all pairs of sequences.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SequenceComparison {
+    /// What is compared.
+    pub measure: SequenceMeasure,
+    /// Share or mean with the active version in its place.
+    pub active: f64,
+    /// Share or mean with the candidate in its place.
+    pub candidate: f64,
+    /// Mean worsening; negative is an improvement.
+    pub worsening: f64,
+    /// One-sided lower bound of it, at its part of `sequence_alpha`.
+    pub lower: f64,
+    /// One-sided upper bound at the same level: what these pairs do not exclude. Nothing is decided by it.
+    pub upper: f64,
+    /// How much worse it may be.
+    pub tolerance: f64,
+    /// Pairs it rests on.
+    pub pairs: u32,
+}
+
+/// The part of the error rate that is for sequences not done: what a bad handover shows first.
+const NOT_DONE_PART: f64 = 0.5;
+
+/// Each of the other three parts.
+const OTHER_PART: f64 = (1.0 - NOT_DONE_PART) / 3.0;
+
+/// Comparisons that share the last part: bad episodes, time, and each measure of harm.
+const SHARING: f64 = (2 + HarmKind::ALL.len()) as f64;
+
+impl SequencePair {
+    fn is_done(side: &[SequenceStep]) -> bool {
+        side.len() == TaskKind::SEQUENCE.len() && side.iter().all(|step| step.values.success)
+    }
+
+    /// Whether both came to what is judged: the skill after `task`, or `task` itself if it is the last.
+    fn is_reached(&self, task: TaskKind) -> bool {
+        let judged = TaskKind::SEQUENCE.into_iter().find(|next| *next > task).unwrap_or(task);
+        let comes_to = |side: &[SequenceStep]| side.iter().any(|step| step.task == judged);
+        comes_to(&self.candidate) && comes_to(&self.active)
+    }
+}
+
+/// What the skills after `task` did, in order.
+fn following(side: &[SequenceStep], task: TaskKind) -> impl Iterator<Item = &EpisodeValues> {
+    side.iter().filter(move |step| step.task > task).map(|step| &step.values)
+}
+
+/// A measure at its worst over the skills that follow; `None` where nothing follows or nothing was measured.
+fn worst(side: &[SequenceStep], task: TaskKind, kind: HarmKind) -> Option<f64> {
+    let values = following(side, task).map(|values| values.harm.map(|harm: HarmMeasures| harm.of(kind)));
+    values.reduce(|worst, next| {
+        let (worst, next) = (worst?, next?);
+        Some(if kind.worsening(next, worst) > 0.0 { next } else { worst })
+    })?
+}
+
+/// Of the sequences wanted, the share that has to come to what is judged: with a quarter of 60 a handover that fails in
+/// two of three is still found.
+const REACHED_SHARE: f64 = 0.25;
+
+impl SequenceEvidence {
+    /// The pairs in which both came to what is judged.
+    fn reached(&self) -> impl Iterator<Item = &SequencePair> + Clone {
+        self.pairs.iter().filter(|pair| pair.is_reached(self.task))
+    }
+
+    fn share(
+        &self,
+        measure: SequenceMeasure,
+        alpha: f64,
+        tolerance: f64,
+        is_bad: &dyn Fn(&[SequenceStep]) -> bool,
+    ) -> Option<SequenceComparison> {
+        let sides = || self.reached().map(|pair| (is_bad(&pair.candidate), is_bad(&pair.active)));
+        let bound = binary_pairs(PairedCounts::of(sides()), alpha).ok()?;
+        let n = bound.n as f64;
+        let count = |of: fn((bool, bool)) -> bool| sides().filter(|pair| of(*pair)).count() as f64;
+        Some(SequenceComparison {
+            measure,
+            active: count(|(_, old)| old) / n,
+            candidate: count(|(new, _)| new) / n,
+            worsening: bound.mean,
+            lower: bound.lower,
+            upper: bound.upper,
+            tolerance,
+            pairs: u32::try_from(bound.n).unwrap_or(u32::MAX),
+        })
+    }
+
+    /// A measured quantity over the pairs in which both sequences were done: how much worse, from both values.
+    fn quantity(
+        &self,
+        measure: SequenceMeasure,
+        alpha: f64,
+        tolerance: f64,
+        of: &dyn Fn(&[SequenceStep]) -> Option<f64>,
+        worsening: &dyn Fn(f64, f64) -> f64,
+    ) -> Option<SequenceComparison> {
+        let done = |pair: &&SequencePair| {
+            SequencePair::is_done(&pair.candidate) && SequencePair::is_done(&pair.active)
+        };
+        let both: Option<Vec<(f64, f64)>> = self
+            .pairs
+            .iter()
+            .filter(done)
+            .map(|pair| Some((of(&pair.candidate)?, of(&pair.active)?)))
+            .collect();
+        let both = both.filter(|both| both.len() >= 2)?;
+        let worse: Vec<f64> = both.iter().map(|(new, old)| worsening(*new, *old)).collect();
+        let bound = real_pairs(&worse, tolerance, alpha).ok()?;
+        let n = both.len() as f64;
+        Some(SequenceComparison {
+            measure,
+            active: both.iter().map(|(_, old)| old).sum::<f64>() / n,
+            candidate: both.iter().map(|(new, _)| new).sum::<f64>() / n,
+            worsening: bound.mean,
+            lower: bound.lower,
+            upper: bound.upper,
+            tolerance,
+            pairs: u32::try_from(both.len()).unwrap_or(u32::MAX),
+        })
+    }
+
+    /// Every comparison that these sequences allow.
+    #[must_use]
+    pub fn compare(&self, profile: &Profile) -> Vec<SequenceComparison> {
+        use SequenceMeasure::{Anomaly, Harm, NotDone, PastLimit, Time, Violation};
+        let task = self.task;
+        let alpha = profile.evaluation.sequence_alpha;
+        let part = OTHER_PART * alpha;
+        let shared = part / SHARING;
+        let allowed = profile.evaluation.sequence_tolerance;
+        let any =
+            |side: &[SequenceStep], flag: &dyn Fn(&EpisodeValues) -> bool| following(side, task).any(flag);
+        let is_past = |values: &EpisodeValues| values.harm.is_some_and(|harm| profile.harm.is_past(&harm));
+        let time_allowed = (1.0 - profile.thresholds.behavior()) / profile.behavior.cost_time;
+        let time = |side: &[SequenceStep]| {
+            let took: f64 = following(side, task).map(|values| values.time_s).sum();
+            (took > 0.0).then_some(took)
+        };
+        let mut all = vec![
+            self.share(NotDone, NOT_DONE_PART * alpha, allowed, &|side| !SequencePair::is_done(side)),
+            self.share(Violation, part, allowed, &|side| any(side, &|values| values.violation)),
+            self.share(Anomaly, part, allowed, &|side| any(side, &|values| values.anomaly)),
+            self.share(PastLimit, shared, allowed, &|side| any(side, &is_past)),
+            self.quantity(Time, shared, time_allowed, &time, &|new, old| new / old - 1.0),
+        ];
+        all.extend(HarmKind::ALL.into_iter().map(|kind| {
+            let allowed = profile.harm.of(kind).mean;
+            let of = |side: &[SequenceStep]| worst(side, task, kind);
+            self.quantity(Harm(kind), shared, allowed, &of, &|new, old| kind.worsening(new, old))
+        }));
+        all.into_iter().flatten().collect()
+    }
+
+    /// Who fails where: the task at which sequences end more often than with the active version, and how often.
+    fn ends(&self) -> Option<(TaskKind, usize, usize)> {
+        let ends_at = |side: &[SequenceStep], task| {
+            !SequencePair::is_done(side) && side.last().is_some_and(|step| step.task == task)
+        };
+        let counted = TaskKind::SEQUENCE.into_iter().map(|task| {
+            let new = self.reached().filter(|pair| ends_at(&pair.candidate, task)).count();
+            let old = self.reached().filter(|pair| ends_at(&pair.active, task)).count();
+            (task, new, old)
+        });
+        counted.max_by_key(|(_, new, old)| new.saturating_sub(*old))
+    }
+
+    /// A seed under which a comparison came out worst, to be worked again.
+    fn example(&self, measure: SequenceMeasure, profile: &Profile) -> Option<u64> {
+        let bad = |side: &[SequenceStep]| match measure {
+            SequenceMeasure::NotDone => f64::from(u8::from(!SequencePair::is_done(side))),
+            SequenceMeasure::Violation => {
+                f64::from(u8::from(following(side, self.task).any(|values| values.violation)))
+            }
+            SequenceMeasure::Anomaly => {
+                f64::from(u8::from(following(side, self.task).any(|values| values.anomaly)))
+            }
+            SequenceMeasure::PastLimit => {
+                let past =
+                    |values: &EpisodeValues| values.harm.is_some_and(|harm| profile.harm.is_past(&harm));
+                f64::from(u8::from(following(side, self.task).any(past)))
+            }
+            SequenceMeasure::Time => following(side, self.task).map(|values| values.time_s).sum(),
+            SequenceMeasure::Harm(kind) => {
+                worst(side, self.task, kind).map_or(0.0, |value| kind.worsening(value, 0.0))
+            }
+        };
+        let gap = |pair: &SequencePair| bad(&pair.candidate) - bad(&pair.active);
+        self.reached().max_by(|a, b| gap(a).total_cmp(&gap(b))).map(|pair| pair.seed)
+    }
+
+    /// What a finding says: both sides, what is allowed, and where to look.
+    fn sentence(&self, found: &SequenceComparison, verb: &str, profile: &Profile) -> String {
+        let SequenceComparison { active, candidate, tolerance, pairs, .. } = *found;
+        let count = |share: f64| libm::round(share * f64::from(pairs));
+        let shares = |what: &str| {
+            format!(
+                "{what} in {} of {pairs} sequences that came so far, with the active version in {}; at most {:.0} % more is allowed",
+                count(candidate),
+                count(active),
+                100.0 * tolerance
+            )
+        };
+        let text = match found.measure {
+            SequenceMeasure::NotDone => match self.ends() {
+                Some((task, new, old)) if task > self.task => {
+                    let next = TaskKind::SEQUENCE.iter().find(|other| **other > self.task) == Some(&task);
+                    let which = if next { "the next skill" } else { "a skill that follows" };
+                    let allowed = 100.0 * tolerance;
+                    format!(
+                        "{which}, {task}, fails in {new} of {pairs} sequences that came so far, with the active version in {old}; at \
+                         most {allowed:.0} % more is allowed"
+                    )
+                }
+                _ => shares("the sequence is not done"),
+            },
+            SequenceMeasure::Violation => shares("the skills that follow pass limits of policy"),
+            SequenceMeasure::Anomaly => shares("the skills that follow show anomalies"),
+            SequenceMeasure::PastLimit => shares("the skills that follow pass limits of harm"),
+            SequenceMeasure::Time => format!(
+                "the skills that follow take {candidate:.2} s against {active:.2} s; at most {:.0} % more is allowed",
+                100.0 * tolerance
+            ),
+            SequenceMeasure::Harm(kind) => format!(
+                "of the skills that follow, {} {} against {}; at most {} worse is allowed",
+                kind.words(),
+                kind.show(candidate),
+                kind.show(active),
+                kind.show(tolerance)
+            ),
+        };
+        match self.example(found.measure, profile) {
+            Some(seed) => format!("{verb}: {text} (see seed {seed})"),
+            None => format!("{verb}: {text}"),
+        }
+    }
+
+    /// Why these sequences say nothing; `None` if they can be judged.
+    fn unusable(&self) -> Option<String> {
+        let mut seeds = std::collections::BTreeSet::new();
+        let plausible = |pair: &SequencePair| {
+            let mut steps = pair.active.iter().chain(&pair.candidate);
+            steps.all(|step| step.values.is_valid()) && seeds.insert(pair.seed)
+        };
+        let (worked, wanted, reached) = (self.pairs.len(), self.wanted, self.reached().count());
+        if self.beside.len() + 1 < TaskKind::SEQUENCE.len() {
+            Some("no sequences could be worked: another family has no active version".to_owned())
+        } else if (worked as u64) < u64::from(wanted) {
+            Some(format!("only {worked} of {wanted} sequences could be worked"))
+        } else if (reached as f64) < REACHED_SHARE * f64::from(wanted) {
+            Some(format!("only {reached} of {worked} sequences came to the handover"))
+        } else if !self.pairs.iter().all(plausible) {
+            Some("a sequence holds a value that is not plausible, or a seed twice".to_owned())
+        } else {
+            None
+        }
+    }
+}
+
+impl SequenceComparison {
+    /// Worse beyond the tolerance, established.
+    #[must_use]
+    pub fn is_established(&self) -> bool {
+        self.lower > self.tolerance
+    }
+
+    /// Worse, established: a share at all, a measured quantity by half of its tolerance.
+    #[must_use]
+    pub fn is_doubtful(&self) -> bool {
+        let trifle = match self.measure {
+            SequenceMeasure::NotDone
+            | SequenceMeasure::Violation
+            | SequenceMeasure::Anomaly
+            | SequenceMeasure::PastLimit => 0.0,
+            SequenceMeasure::Time | SequenceMeasure::Harm(_) => SUSPICIOUS_FACTOR * self.tolerance,
+        };
+        // Written so that a bound that is no number is a doubt.
+        !(self.lower <= trifle)
+    }
+}
+
+/// Adds what the sequences say to an assessment that does not reject already. Records without sequences are left as they are.
+pub fn judge_sequences(
+    result: &mut BehaviorAssessment,
+    evidence: Option<&SequenceEvidence>,
+    profile: &Profile,
+) {
+    let Some(evidence) = evidence else { return };
+    if !matches!(result.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious) {
+        return;
+    }
+    let reason = |code, text| Reason::new(code, Dimension::Behavior, text);
+    let (mut worse, mut doubts) = (Vec::new(), Vec::new());
+    if let Some(why) = evidence.unusable() {
+        let few = reason(ReasonCode::BehaviorSequenceSuspicious, why);
+        doubts.push(few.with(evidence.pairs.len() as f64, f64::from(evidence.wanted)));
+    } else {
+        result.sequences = evidence.compare(profile);
+        for found in &result.sequences {
+            if found.is_established() {
+                let text = evidence.sentence(found, "the handover is established as worse", profile);
+                worse
+                    .push(reason(ReasonCode::BehaviorSequenceWorse, text).with(found.lower, found.tolerance));
+            } else if found.is_doubtful() {
+                let text = evidence.sentence(found, "the handover may be worse", profile);
+                let doubt = reason(ReasonCode::BehaviorSequenceSuspicious, text);
+                doubts.push(doubt.with(found.lower, found.tolerance));
+            }
+        }
+    }
+    let assessment = &mut result.assessment;
+    if worse.is_empty() && doubts.is_empty() {
+        return;
+    }
+    assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
+    if worse.is_empty() {
+        assessment.outcome = BehaviorOutcome::Suspicious;
+        assessment.conditions = conditions_of_doubt(profile);
+    } else {
+        assessment.outcome = BehaviorOutcome::Incompatible;
+        assessment.conditions.clear();
+    }
+    assessment.reasons.splice(0..0, worse.into_iter().chain(doubts));
+}

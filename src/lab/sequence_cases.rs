@@ -1,0 +1,416 @@
+//! Versions whose own work is as good as before and whose handover is not: what pairs of their own say, and what
+//! whole sequences add. The expectations were written down before the run over five seeds; the cases were looked for on
+//! another seed, because baselines measure what they are handed and make up for most of it.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use holdpoint_body::TaskKind;
+use holdpoint_engine::cell::{Cell, Conditions};
+use holdpoint_engine::embedded;
+use holdpoint_engine::trial::crew::{Crew, Errand};
+use holdpoint_engine::trial::episodes::batch;
+use holdpoint_engine::trial::lab::Party;
+use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+use holdpoint_engine::trial::sequences::{Team, sequence};
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::behavior::{
+    self, BehaviorAssessment, SequenceComparison, SequenceEvidence, SequencePair, SequenceStep,
+};
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::evidence::{Binding, Pair, PairedEvidence};
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::outcome::BehaviorOutcome;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
+use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::rng::Stream;
+use toml::{Table, Value};
+
+use crate::pool::draft::Draft;
+
+/// Cell, rules and baselines.
+struct Bench {
+    cell: Cell,
+    profile: Profile,
+    terms: SkillTerms,
+    baselines: BTreeMap<TaskKind, Capability>,
+}
+
+fn digest() -> Digest {
+    Digest::of_parts("test", &[])
+}
+
+impl Bench {
+    fn new() -> Self {
+        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let works = |version: &Capability| {
+            let family = version.id().family.to_string();
+            TaskKind::SEQUENCE.into_iter().find(|task| task.name() == family)
+        };
+        let baselines = embedded::baselines().unwrap().into_iter();
+        let baselines = baselines.filter_map(|version| Some((works(&version)?, version))).collect();
+        Self { cell, profile, terms, baselines }
+    }
+
+    /// The baseline of a task with some of its parameter file replaced.
+    fn made(&self, task: TaskKind, changes: &str) -> Capability {
+        let baseline = &self.baselines[&task];
+        let mut draft = Draft::of(baseline).unwrap();
+        for (name, value) in changes.parse::<Table>().unwrap() {
+            if name == "declared_n" {
+                draft.field(&["permissions", "max_force_n"], value);
+            } else {
+                draft.param(&name, value);
+            }
+        }
+        draft.field(&["version"], Value::from("1.0.1"));
+        let submission: Table = baseline.package.submission.parse().unwrap();
+        Capability::load("case", draft.package(&submission)).unwrap()
+    }
+
+    fn party(&self, version: &Capability) -> Party {
+        let declared = &version.manifest.permissions;
+        let terms = self.terms.clone().capped(declared.max_speed_m_s, declared.max_force_n);
+        Party { version: version.clone(), terms, fallback: None }
+    }
+
+    fn episodes(&self, version: &Capability, run: u64, pairs: u64) -> Vec<TaskRecord> {
+        let seeds = (0..pairs).map(|index| episode_seed(run, Purpose::Perturbation, index));
+        let (crew, cancel) = (Crew::new(2), AtomicBool::new(false));
+        let terms = self.party(version).terms;
+        batch(&crew, &cancel, &self.cell, (version, &terms), Conditions::Sandbox, seeds).unwrap()
+    }
+
+    fn sequences(
+        &self,
+        version: &Capability,
+        beside: &[Capability],
+        run: u64,
+        count: u64,
+    ) -> Vec<Vec<TaskRecord>> {
+        let task = version.bundle.task();
+        let others = self
+            .baselines
+            .values()
+            .filter(|other| !beside.iter().any(|known| known.bundle.task() == other.bundle.task()));
+        let team = Team::beside(task, others.chain(beside).map(|other| self.party(other)));
+        let shared = Arc::new((self.cell.clone(), team, self.party(version)));
+        let errand = |index| {
+            let (seed, shared) = (episode_seed(run, Purpose::Sequence, index), Arc::clone(&shared));
+            let work = move |worker: &mut Worker| {
+                let (cell, team, own) = &*shared;
+                sequence(worker, cell, team.cast(own).unwrap(), seed)
+            };
+            Errand { key: Digest::of_parts("case", &[&seed.to_le_bytes()]), work: Box::new(work) }
+        };
+        let crew: Crew<Vec<TaskRecord>> = Crew::new(2);
+        crew.work((0..count).map(errand).collect(), &AtomicBool::new(false)).unwrap()
+    }
+
+    /// What pairs of its own say of a version.
+    fn alone(&self, active: &[TaskRecord], candidate: &[TaskRecord]) -> BehaviorAssessment {
+        let both = active.iter().zip(candidate);
+        let pair = |(old, new): (&TaskRecord, &TaskRecord)| {
+            Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
+        };
+        let pairs: Vec<Pair> = both.filter_map(pair).collect();
+        let mut profile = self.profile.clone();
+        profile.evaluation.sandbox_pairs = u32::try_from(pairs.len()).unwrap();
+        let binding = Binding {
+            candidate: digest(),
+            active: Some(digest()),
+            profile: digest(),
+            policy: digest(),
+            environment: digest(),
+        };
+        let evidence = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
+        behavior::assess(&evidence, &binding, &profile)
+    }
+
+    fn evidence(
+        &self,
+        task: TaskKind,
+        active: &[Vec<TaskRecord>],
+        candidate: &[Vec<TaskRecord>],
+    ) -> SequenceEvidence {
+        let steps = |records: &[TaskRecord]| -> Option<Vec<SequenceStep>> {
+            records.iter().map(|one| Some(SequenceStep { task: one.task, values: one.values()? })).collect()
+        };
+        let pair = |(old, new): (&Vec<TaskRecord>, &Vec<TaskRecord>)| {
+            let seed = old.first()?.seed;
+            Some(SequencePair { seed, active: steps(old)?, candidate: steps(new)? })
+        };
+        let pairs: Vec<SequencePair> = active.iter().zip(candidate).filter_map(pair).collect();
+        let others = self.baselines.iter().filter(|(other, _)| **other != task);
+        SequenceEvidence {
+            task,
+            beside: others.map(|(_, version)| version.id()).collect(),
+            wanted: u32::try_from(pairs.len()).unwrap(),
+            pairs,
+        }
+    }
+}
+
+fn told(found: &BehaviorAssessment) -> String {
+    let reasons: Vec<String> = found.assessment.reasons.iter().map(ToString::to_string).collect();
+    format!("{:?}: {}", found.assessment.outcome, reasons.join("; "))
+}
+
+/// What is expected of a case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Expected {
+    /// Compatible by pairs of its own, and incompatible by its sequences, because the next skill fails.
+    BadHandover,
+    /// Compatible by both.
+    Kept,
+}
+
+struct Case {
+    name: &'static str,
+    task: TaskKind,
+    /// What differs from the baseline's parameters.
+    changes: &'static str,
+    /// Who works beside it that is not a baseline.
+    beside: &'static [(TaskKind, &'static str)],
+    expected: Expected,
+}
+
+use Expected::{BadHandover, Kept};
+use TaskKind::{Align, Grasp, Place};
+
+/// An align that trusts the object to hang in the middle of the hand, where the baseline measures it there.
+const TRUSTING: &[(TaskKind, &str)] = &[(Align, "measure_pictures = 0")];
+
+/// A place that lowers slowly and has little time: enough for what hangs 50 mm over its seat.
+const UNHURRIED: &[(TaskKind, &str)] =
+    &[(Place, "lower_speed_m_s = 0.025\ntimeout_secs = 3.6\nretries_max = 0")];
+
+const fn case(
+    name: &'static str,
+    task: TaskKind,
+    changes: &'static str,
+    beside: &'static [(TaskKind, &'static str)],
+    expected: Expected,
+) -> Case {
+    Case { name, task, changes, beside, expected }
+}
+
+const CASES: &[Case] = &[
+    case(
+        "holds 12 mm off the middle",
+        Grasp,
+        "alteration = [{ kind = \"input\", input = \"object-x\", offset = 0.012 }]",
+        TRUSTING,
+        BadHandover,
+    ),
+    case(
+        "holds 8 mm off the middle",
+        Grasp,
+        "alteration = [{ kind = \"input\", input = \"object-x\", offset = 0.008 }]",
+        TRUSTING,
+        BadHandover,
+    ),
+    case("holds the upper edge", Grasp, "grasp_offset_m = 0.024", TRUSTING, BadHandover),
+    case("ends high over the tray", Align, "hover_height_m = 0.067", UNHURRIED, BadHandover),
+    // The same versions beside baselines, which make up for it.
+    case(
+        "holds 8 mm off the middle, and it is measured",
+        Grasp,
+        "alteration = [{ kind = \"input\", input = \"object-x\", offset = 0.008 }]",
+        &[],
+        Kept,
+    ),
+    case("holds the upper edge, and it is measured", Grasp, "grasp_offset_m = 0.024", &[], Kept),
+    case("ends high, and there is time", Align, "hover_height_m = 0.067", &[], Kept),
+    // Nothing worse.
+    case("slower", Grasp, "approach_speed_m_s = 0.28\nlift_speed_m_s = 0.24", &[], Kept),
+    case("gentler", Grasp, "grip_force_n = 16.5\nclose_speed_m_s = 0.1", &[], Kept),
+    case("higher approach", Grasp, "approach_height_m = 0.11\nlift_height_m = 0.145", &[], Kept),
+    case("sets down slower", Place, "lower_speed_m_s = 0.08\nretreat_speed_m_s = 0.25", &[], Kept),
+    case("looks longer", Align, "measure_pictures = 12\ntolerance_m = 0.0018", &[], Kept),
+    case(
+        "slower, beside one that trusts",
+        Grasp,
+        "approach_speed_m_s = 0.28\nlift_speed_m_s = 0.24",
+        TRUSTING,
+        Kept,
+    ),
+    case(
+        "looks longer, beside one in a hurry",
+        Align,
+        "measure_pictures = 12\ntolerance_m = 0.0018",
+        UNHURRIED,
+        Kept,
+    ),
+];
+
+/// What baselines did under a run's seed: episodes by task, sequences by task and who works beside.
+#[derive(Default)]
+struct Known {
+    episodes: BTreeMap<TaskKind, Vec<TaskRecord>>,
+    sequences: BTreeMap<(TaskKind, String), Vec<Vec<TaskRecord>>>,
+}
+
+/// What is said of a case by pairs of its own, and then with its sequences.
+fn judged(
+    bench: &Bench,
+    case: &Case,
+    known: &mut Known,
+    run: u64,
+    (pairs, count): (u64, u64),
+) -> (BehaviorAssessment, BehaviorAssessment) {
+    let baseline = &bench.baselines[&case.task];
+    let version = bench.made(case.task, case.changes);
+    let beside: Vec<Capability> =
+        case.beside.iter().map(|(task, changes)| bench.made(*task, changes)).collect();
+    let own = known.episodes.entry(case.task).or_insert_with(|| bench.episodes(baseline, run, pairs));
+    let alone = bench.alone(own, &bench.episodes(&version, run, pairs));
+    let who = (case.task, format!("{:?}", case.beside));
+    let old = known.sequences.entry(who).or_insert_with(|| bench.sequences(baseline, &beside, run, count));
+    let evidence = bench.evidence(case.task, old, &bench.sequences(&version, &beside, run, count));
+    let mut whole = alone.clone();
+    behavior::judge_sequences(&mut whole, Some(&evidence), &bench.profile);
+    (alone, whole)
+}
+
+fn is_as_expected(case: &Case, alone: &BehaviorAssessment, whole: &BehaviorAssessment) -> bool {
+    let next = TaskKind::SEQUENCE.into_iter().find(|next| *next > case.task);
+    match case.expected {
+        BadHandover => {
+            let said = next.is_some_and(|next| {
+                let words = format!("the next skill, {next}, fails in");
+                whole.assessment.reasons.iter().any(|reason| {
+                    reason.code == ReasonCode::BehaviorSequenceWorse && reason.text.contains(&words)
+                })
+            });
+            alone.assessment.outcome == BehaviorOutcome::Compatible
+                && whole.assessment.outcome == BehaviorOutcome::Incompatible
+                && said
+        }
+        Kept => {
+            whole.assessment == alone.assessment && whole.assessment.outcome == BehaviorOutcome::Compatible
+        }
+    }
+}
+
+#[test]
+fn an_edge_held_is_passed_alone_and_found_beside_who_trusts_it() {
+    let bench = Bench::new();
+    let count = u64::from(bench.profile.evaluation.sandbox_sequences);
+    let mut known = Known::default();
+    for name in ["holds the upper edge", "holds the upper edge, and it is measured"] {
+        let case = CASES.iter().find(|case| case.name == name).unwrap();
+        let (alone, whole) = judged(&bench, case, &mut known, CALIBRATION_FROM_RUN, (120, count));
+        assert!(is_as_expected(case, &alone, &whole), "{name}: {}; {}", told(&alone), told(&whole));
+    }
+}
+
+fn number(name: &str, usual: u64) -> u64 {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
+}
+
+/// The whole table over five seeds with the profile's budgets, where `SEQUENCE_TABLE` asks for it: some minutes.
+#[test]
+fn the_whole_table_over_five_seeds() {
+    if std::env::var("SEQUENCE_TABLE").is_err() {
+        return;
+    }
+    let bench = Bench::new();
+    let settings = &bench.profile.evaluation;
+    let budget = (u64::from(settings.sandbox_pairs), u64::from(settings.sandbox_sequences));
+    let mut wrong = 0;
+    for run in (0..5).map(|seed| CALIBRATION_FROM_RUN + 30 + seed) {
+        let mut known = Known::default();
+        for case in CASES {
+            let (alone, whole) = judged(&bench, case, &mut known, run, budget);
+            let is_right = is_as_expected(case, &alone, &whole);
+            wrong += u32::from(!is_right);
+            let mark = if is_right { "as expected" } else { "OTHERWISE" };
+            println!(
+                "run {run} {}: {mark} {:?}; alone {}; with sequences {}",
+                case.name,
+                case.expected,
+                told(&alone),
+                told(&whole)
+            );
+        }
+    }
+    println!("{wrong} otherwise than expected");
+}
+
+/// Pairs drawn with replacement; `change` sees each with the draw's number.
+fn redrawn(
+    measured: &SequenceEvidence,
+    stream: &mut Stream,
+    count: u32,
+    change: &dyn Fn(&mut SequencePair, &mut Stream),
+) -> SequenceEvidence {
+    let pairs = (0..count).map(|seed| {
+        #[allow(clippy::cast_possible_truncation)]
+        let at = (stream.bits() % measured.pairs.len() as u64) as usize;
+        let mut pair = SequencePair { seed: u64::from(seed), ..measured.pairs[at].clone() };
+        change(&mut pair, stream);
+        pair
+    });
+    SequenceEvidence { wanted: count, pairs: pairs.collect(), ..measured.clone() }
+}
+
+/// How often an equally good version is doubted and rejected for its sequences, and how often one whose next skill fails
+/// in a share of the sequences; where `SEQUENCE_RUNS` says over how many evaluations. Equally good: a version that is
+/// kept beside the baseline, with the two swapped by a coin in each pair, so that neither is better; and as measured.
+#[test]
+fn error_rates_and_power_of_sequences() {
+    let runs = number("SEQUENCE_RUNS", 0);
+    if runs == 0 {
+        return;
+    }
+    let bench = Bench::new();
+    let run = CALIBRATION_FROM_RUN + 50;
+    let mut stream = Stream::from_state(0x5e90_e4ce);
+    let share = |evidence: &dyn Fn(&mut Stream) -> SequenceEvidence, stream: &mut Stream| {
+        let mut counts = [0_u64; 2];
+        for _ in 0..runs {
+            let found = evidence(stream).compare(&bench.profile);
+            counts[0] += u64::from(found.iter().any(SequenceComparison::is_doubtful));
+            counts[1] += u64::from(found.iter().any(SequenceComparison::is_established));
+        }
+        counts
+    };
+    for name in ["slower", "gentler", "higher approach", "sets down slower", "looks longer"] {
+        let case = CASES.iter().find(|case| case.name == name).unwrap();
+        let sides = [bench.baselines[&case.task].clone(), bench.made(case.task, case.changes)];
+        let [old, new] = sides.map(|one| bench.sequences(&one, &[], run, 250));
+        let measured = bench.evidence(case.task, &old, &new);
+        for count in [50, 60] {
+            let swap = |pair: &mut SequencePair, stream: &mut Stream| {
+                if stream.chance(0.5) {
+                    std::mem::swap(&mut pair.active, &mut pair.candidate);
+                }
+            };
+            let equal = share(&|stream| redrawn(&measured, stream, count, &swap), &mut stream);
+            let as_is = share(&|stream| redrawn(&measured, stream, count, &|_, _| ()), &mut stream);
+            println!("{name}, {count} sequences, of {runs}: swapped {equal:?}, as measured {as_is:?}");
+            if case.task == Place {
+                continue;
+            }
+            for rate in [0.3, 0.5, 0.8] {
+                let next = TaskKind::SEQUENCE.into_iter().find(|next| *next > case.task).unwrap();
+                let fails = |pair: &mut SequencePair, stream: &mut Stream| {
+                    let at = pair.candidate.iter().position(|step| step.task == next);
+                    if let Some(at) = at.filter(|_| stream.chance(rate)) {
+                        pair.candidate.truncate(at + 1);
+                        pair.candidate[at].values.success = false;
+                    }
+                };
+                let worse = share(&|stream| redrawn(&measured, stream, count, &fails), &mut stream);
+                println!("{name}, {count} sequences, next fails in {rate} more: {worse:?}");
+            }
+        }
+    }
+}
