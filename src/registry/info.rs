@@ -1,8 +1,6 @@
 //! What a store is, and whether it looks as it should, by a quick look that writes nothing. Whether its history is sound
 //! is for [`verify`](super::verify()), which reads all of it.
 
-use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use rusqlite::Connection;
@@ -12,9 +10,11 @@ use super::audit::{self, Head};
 use super::backup::count;
 use super::checkpoint::{Checkpoint, names, read_all};
 use super::error::StoreError;
+use super::key_files::look_at_keys;
 use super::layout::{Layout, lock_owner};
 use super::migrate::STORE;
 use super::open::{damaged, open_reader};
+use super::people;
 use super::shape::first_difference;
 use super::signed;
 use super::witness::{look_at_witness, witnesses};
@@ -115,11 +115,11 @@ pub struct Looked {
     pub text: String,
 }
 
-fn good(text: impl Into<String>) -> Looked {
+pub(crate) fn good(text: impl Into<String>) -> Looked {
     Looked { good: true, text: text.into() }
 }
 
-fn bad(text: impl Into<String>) -> Looked {
+pub(crate) fn bad(text: impl Into<String>) -> Looked {
     Looked { good: false, text: text.into() }
 }
 
@@ -146,7 +146,10 @@ pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
     let head = audit::head(&connection).map_err(&failed)?;
     found.push(counted_records(&connection, head)?);
     found.push(signed_end(&layout, &connection, head));
-    found.push(store_key(&layout));
+    match people::read(&connection, &info.store_id).map_err(&failed)? {
+        Ok(persons) => found.extend(look_at_keys(&layout, &persons)),
+        Err((name, problem)) => found.push(bad(format!("The person {name:?} is bad: {problem}."))),
+    }
     found.push(if info.free_bytes < FREE_BYTES_MIN {
         bad(format!("Only {} MiB are free where the store lies.", info.free_bytes >> 20))
     } else {
@@ -217,17 +220,5 @@ fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> Looked {
                 good(format!("The audit chain is signed to its end, with {} checkpoints.", kept.len()))
             }
         },
-    }
-}
-
-fn store_key(layout: &Layout) -> Looked {
-    let path = layout.store_key();
-    match fs::symlink_metadata(&path) {
-        Err(error) => bad(format!("The store's secret key cannot be used: {error}.")),
-        Ok(file) if !file.is_file() => bad("The store's secret key is no file."),
-        Ok(file) if file.permissions().mode() & 0o077 != 0 => {
-            bad(format!("Others may read the store's secret key; `chmod 600 {}` ends that.", path.display()))
-        }
-        Ok(_) => good("The store's secret key is there, for its owner alone."),
     }
 }

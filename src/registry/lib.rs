@@ -26,6 +26,7 @@ mod fold;
 mod info;
 mod invariants;
 mod kept;
+mod key_files;
 mod layout;
 mod lost;
 mod merkle;
