@@ -55,7 +55,7 @@ mod views;
 mod witness;
 
 pub use administrator::FIRST_ADMINISTRATOR;
-pub use appointment::{add_witness, remove_witness};
+pub use appointment::{WitnessedBy, add_witness, remove_witness, witnesses_are_signed};
 pub use audit::{ExportError, Head};
 pub use backup::{BackupError, BackupParts, BackupReport, backup};
 pub use change::{

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use ed25519_dalek::VerifyingKey;
 use serde::Serialize;
 
+use super::appointment::check_witness_acts;
 use super::audit::head;
 use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
 use super::compare::{check_approvals, compare};
@@ -63,6 +64,8 @@ pub struct VerifyReport {
     pub approvals: u64,
     /// Persons, enrolled and revoked, whose acts are signed by an administrator of their time.
     pub persons: u64,
+    /// Those of them for whom a confirmed administrator vouches with a protected key, the first administrator included.
+    pub confirmed: u64,
     /// Sealed batches of telemetry that match.
     pub batches: u64,
     /// Sealed batches that were removed for age.
@@ -185,6 +188,9 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     let persons = people::read(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
+    check_witness_acts(&connection, &persons)
+        .map_err(unreadable)?
+        .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
     }
@@ -199,6 +205,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
         key_given: public_key.is_some(),
         approvals,
         persons: persons.all().count() as u64,
+        confirmed: persons.confirmed().count() as u64,
         batches: 0,
         batches_pruned: 0,
         batches_missed: 0,
