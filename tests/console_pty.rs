@@ -68,6 +68,13 @@ fn waiting() -> &'static Path {
             let words = words.to_str().unwrap();
             home.must(&["identity", "new", name, "--role", "engineer", "--passphrase-file", words]);
         }
+        let words = home.path().join("words");
+        let words = words.to_str().unwrap();
+        home.must(&["identity", "passphrase", "admin", "--new-passphrase-file", words]);
+        for name in ["alice", "bob"] {
+            let by = ["--by", "admin", "--reason", "known", "--passphrase-file", words];
+            home.must(&[&["identity", "confirm", name][..], &by].concat());
+        }
         let script = home.path().join("wait.toml");
         std::fs::write(
             &script,

@@ -114,6 +114,8 @@ pub struct People {
 pub struct Identity {
     info: IdentityInfo,
     secret: Secret,
+    /// What protected the secret when it was opened or made.
+    protection: Protection,
 }
 
 /// Where a secret is.
@@ -170,6 +172,7 @@ impl KeptIdentity {
     /// # Errors
     /// If the passphrase is wrong, missing or superfluous, or the two files do not belong together.
     pub fn unlock(self, passphrase: Option<&Passphrase>) -> Result<Identity, IdentityError> {
+        let protection = self.protection();
         let Self { info, path, key } = self;
         let secret = match key {
             KeptSecret::File(key) => key.unlock(&path, passphrase)?,
@@ -178,7 +181,7 @@ impl KeptIdentity {
         if secret.verifying_key() != info.public_key {
             return Err(IdentityError::Mismatch(info.name));
         }
-        Ok(Identity { info, secret: Secret::Here(Box::new(secret)) })
+        Ok(Identity { info, secret: Secret::Here(Box::new(secret)), protection })
     }
 }
 
@@ -213,11 +216,16 @@ impl Identity {
         if let Some(other) = Self::names_of(folder, &secret.verifying_key())?.into_iter().next() {
             return Err(IdentityError::KeyTaken { name: name.to_owned(), other });
         }
+        let protection = match keep {
+            Keep::Plain => Protection::None,
+            Keep::Sealed(..) => Protection::Passphrase,
+        };
         keyfile::write_kept(&secret_path, &secret, keep)?;
         keyfile::write_public(&public_path, &secret.verifying_key(), role.name())?;
         Ok(Self {
             info: IdentityInfo { name: name.to_owned(), role, public_key: secret.verifying_key() },
             secret: Secret::Here(Box::new(secret)),
+            protection,
         })
     }
 
@@ -256,7 +264,7 @@ impl Identity {
                 fingerprint: fingerprint(&info.public_key),
             });
         }
-        Ok(Self { info, secret: Secret::Agent(agent) })
+        Ok(Self { info, secret: Secret::Agent(agent), protection: Protection::Elsewhere })
     }
 
     /// Notes that an ssh-agent holds somebody's key: who signs as them asks it.
@@ -356,6 +364,14 @@ impl Identity {
     #[must_use]
     pub const fn info(&self) -> &IdentityInfo {
         &self.info
+    }
+
+    /// Whether reading a file of the store was not enough to sign as this person when the secret was opened or made.
+    pub(super) const fn is_guarded(&self) -> bool {
+        match self.protection {
+            Protection::Passphrase | Protection::Elsewhere => true,
+            Protection::None => false,
+        }
     }
 
     /// Signs a decision. Its `who` and `role` are replaced by this identity's.

@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
-use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{SigningKey, VerifyingKey};
@@ -25,6 +25,9 @@ pub enum KeyError {
     /// Others can read the secret.
     #[error("the key {path:?} has mode {mode:04o}; others must have no access")]
     Permissions { path: PathBuf, mode: u32 },
+    /// A link, a pipe, a folder or a device lies in its place: what that leads to is not looked at.
+    #[error("{path:?} is {found}; a key is a regular file of its own")]
+    NotAFile { path: PathBuf, found: &'static str },
     #[error("{path:?} is not a key: 64 hexadecimal digits are needed")]
     Malformed { path: PathBuf },
     /// The system gave no random numbers.
@@ -124,8 +127,9 @@ impl Hint for KeyError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Permissions { path, .. } => {
-                Some(format!("`chmod 600 {}`, or make a new key", path.display()).into())
+                Some(format!("`chmod 600 {}` ends that; others may have read it", path.display()).into())
             }
+            Self::NotAFile { .. } => Some("put the key's own file in its place".into()),
             Self::Sealed { problem: SealedError::Passphrase, .. } => {
                 Some("nothing was done; try again, nobody can recover a passphrase".into())
             }
@@ -230,15 +234,22 @@ pub(super) fn read_kept(path: &Path) -> Result<KeptKey, KeyError> {
     let file = match open_plainly(path) {
         // So a link is answered.
         Err(rustix::io::Errno::LOOP) => {
-            let found = fs::symlink_metadata(path).map_err(io("read", path))?;
-            let mode = found.permissions().mode() & 0o7777;
-            return Err(KeyError::Permissions { path: path.to_owned(), mode });
+            return Err(KeyError::NotAFile { path: path.to_owned(), found: "a link" });
         }
         opened => opened.map_err(|error| io("read", path)(error.into()))?,
     };
     let found = file.metadata().map_err(io("read", path))?;
     let mode = found.permissions().mode() & 0o7777;
-    if !found.is_file() || mode & 0o077 != 0 {
+    let kind = found.file_type();
+    if !kind.is_file() {
+        let found = match () {
+            () if kind.is_fifo() => "a named pipe",
+            () if kind.is_dir() => "a folder",
+            () => "a device",
+        };
+        return Err(KeyError::NotAFile { path: path.to_owned(), found });
+    }
+    if mode & 0o077 != 0 {
         return Err(KeyError::Permissions { path: path.to_owned(), mode });
     }
     let text = read_text(path, file)?;
@@ -329,6 +340,25 @@ fn read_text(path: &Path, file: File) -> Result<Zeroizing<String>, KeyError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_no_file_is_called_so_and_not_a_matter_of_mode() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        write_secret(&path("store.key"), &generate().unwrap()).unwrap();
+        std::os::unix::fs::symlink(path("store.key"), path("link")).unwrap();
+        rustix::fs::mkfifoat(rustix::fs::CWD, path("pipe"), rustix::fs::Mode::RUSR).unwrap();
+        fs::create_dir(path("folder")).unwrap();
+        for (name, found) in [("link", "a link"), ("pipe", "a named pipe"), ("folder", "a folder")] {
+            let error = read_secret(&path(name)).unwrap_err();
+            assert!(error.to_string().contains(found), "{name}: {error}");
+            assert!(!error.to_string().contains("mode"), "{name}: {error}");
+        }
+        fs::set_permissions(path("store.key"), fs::Permissions::from_mode(0o640)).unwrap();
+        let error = read_secret(&path("store.key")).unwrap_err();
+        assert!(error.to_string().contains("mode 0640"), "{error}");
+        assert!(!error.hint().unwrap().contains("new key"), "a store's own key cannot be made anew");
+    }
 
     #[test]
     fn a_value_has_one_text() {

@@ -13,6 +13,7 @@ mod passphrase;
 mod person;
 mod sealed;
 mod signed;
+mod witness_act;
 
 pub use call::{CallClaim, CallError, SignedCall};
 pub use identity::{Identity, IdentityError, IdentityInfo, KeptIdentity, People, WORD_LEN_MAX};
@@ -22,3 +23,4 @@ pub use person::{
 };
 pub use sealed::{Cost, SealedError, SealedKey};
 pub use signed::{Approval, ApprovalError, Nonce, SignedApproval};
+pub use witness_act::{SignedWitnessAct, WitnessAct};

@@ -4,6 +4,11 @@
 //! to another store. The first enrols the store's first administrator and is signed by that key itself; who comes later
 //! is somebody only through an administrator who is enrolled at that moment. One key is one person: a name and a key are
 //! used once, also after they were revoked.
+//!
+//! Whoever can read a key without a passphrase enrols whom they like. So a person is *confirmed* apart from being enrolled:
+//! by an act, the enrolment or a later one, that a confirmed administrator signed with a protected key. The first
+//! administrator is where this begins, and what its key signed while it lay open confirms nobody. Nothing that comes later
+//! changes what an earlier act was worth.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -32,6 +37,8 @@ words! {
     PersonActKind, "act about a person", {
         /// What the key signs from now on may count.
         Enrol = "enrol",
+        /// An administrator vouches for somebody who was enrolled by a key that others could have used.
+        Confirm = "confirm",
         /// Nothing that the key signed, or will sign, counts any more.
         Revoke = "revoke",
     }
@@ -67,14 +74,19 @@ pub struct PersonAct {
     /// Digest of the act before it in that store.
     pub follows: Digest,
     pub nonce: Nonce,
+    /// Whether the key that signs lay under a passphrase or elsewhere, as far as that could be seen. Not in the acts of
+    /// earlier versions, of which nobody knows.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub guarded: bool,
 }
 
 impl PersonAct {
-    /// The digest that is signed, and that the next act follows from: every field with its length, behind a domain tag.
+    /// The digest that is signed, and that the next act follows from: every field with its length, behind a domain tag,
+    /// and one part more where the key was guarded.
     #[must_use]
     pub fn digest(&self) -> Digest {
-        let Self { act, name, role, key, unprotected, by, reason, store_id, follows, nonce } = self;
-        let parts: [&[u8]; 10] = [
+        let Self { act, name, role, key, unprotected, by, reason, store_id, follows, nonce, guarded } = self;
+        let mut parts: Vec<&[u8]> = vec![
             store_id.as_bytes(),
             follows.bytes(),
             act.name().as_bytes(),
@@ -86,6 +98,9 @@ impl PersonAct {
             reason.as_bytes(),
             nonce.as_str().as_bytes(),
         ];
+        if *guarded {
+            parts.push(b"guarded");
+        }
         Digest::of_parts(DOMAIN, &parts)
     }
 }
@@ -133,9 +148,11 @@ pub enum PersonError {
     #[error("the act about {0:?} does not follow from the last one about people in this store")]
     DoesNotFollow(String),
     /// The signer is nobody, somebody else, or somebody who is revoked.
-    #[error("{0:?} is not enrolled in this store with the key that signed, and enrols and revokes nobody")]
+    #[error(
+        "{0:?} is not enrolled in this store with the key that signed, and enrols, confirms and revokes nobody"
+    )]
     SignerUnknown(String),
-    #[error("{name:?} is enrolled as {role}, and only an administrator enrols and revokes people")]
+    #[error("{name:?} is enrolled as {role}, and only an administrator enrols, confirms and revokes people")]
     NoAdministrator { name: String, role: Role },
     /// The first act of a store enrols the administrator who signs it.
     #[error("the first person of a store is an administrator who enrols their own key; {0:?} is not")]
@@ -144,6 +161,14 @@ pub enum PersonError {
     NameTaken { name: String, state: PersonState },
     #[error("the key of {name:?} is that of {other:?} already ({state}); one key is one person")]
     KeyTaken { name: String, other: String, state: PersonState },
+    /// Who could read the signer's key could have signed.
+    #[error("the key of {0:?} had no passphrase when it signed, and such a key confirms nobody")]
+    Unguarded(String),
+    /// No act of a confirmed administrator stands behind the signer.
+    #[error("{0:?} is enrolled by a key that others could have used, and not confirmed: they confirm nobody")]
+    SignerUnconfirmed(String),
+    #[error("{name:?} is confirmed already, by {by:?}")]
+    Confirmed { name: String, by: String },
     #[error("{0:?} is not enrolled in this store")]
     NotEnrolled(String),
     #[error("{0:?} is the last administrator of this store and cannot be revoked")]
@@ -159,6 +184,12 @@ impl Hint for PersonError {
             Self::SignerUnknown(_) | Self::NoAdministrator { .. } => {
                 Some("`holdpoint identity list` names the administrators; name one with --by".into())
             }
+            Self::Unguarded(by) => {
+                Some(format!("`holdpoint identity passphrase {by}` sets one and keeps the key").into())
+            }
+            Self::SignerUnconfirmed(by) => Some(
+                format!("an administrator whom `holdpoint identity list` calls confirmed has to confirm {by} first").into(),
+            ),
             Self::NameTaken { .. } => Some("choose another name".into()),
             Self::KeyTaken { .. } => Some("make another key with `holdpoint identity new`".into()),
             Self::LastAdministrator(_) => Some("enrol another administrator first".into()),
@@ -167,6 +198,7 @@ impl Hint for PersonError {
             | Self::Signature(_)
             | Self::OtherStore { .. }
             | Self::NotTheFirst(_)
+            | Self::Confirmed { .. }
             | Self::TooMany => None,
         }
     }
@@ -182,6 +214,9 @@ pub struct Person {
     /// Whether the key had no passphrase when it was enrolled.
     pub unprotected: bool,
     pub enrolled_by: String,
+    /// Whose act, with a protected key, stands behind this person; the first administrator's own name for itself. Absent
+    /// where none does: `human` does not count what such a person signs.
+    pub confirmed_by: Option<String>,
     /// Absent while enrolled.
     pub revoked_by: Option<String>,
 }
@@ -210,6 +245,12 @@ impl Persons {
         Self { store_id: store_id.to_owned(), follows, by_name: BTreeMap::new() }
     }
 
+    /// The store that they are of.
+    #[must_use]
+    pub fn store_id(&self) -> &str {
+        &self.store_id
+    }
+
     /// Everybody, by name.
     pub fn all(&self) -> impl Iterator<Item = &Person> {
         self.by_name.values()
@@ -231,6 +272,21 @@ impl Persons {
     #[must_use]
     pub fn with_key(&self, key: &VerifyingKey) -> Option<&Person> {
         self.all().find(|person| person.public_key == *key)
+    }
+
+    /// Those for whom a confirmed administrator vouches, enrolled or revoked.
+    pub fn confirmed(&self) -> impl Iterator<Item = &Person> {
+        self.all().filter(|person| person.confirmed_by.is_some())
+    }
+
+    /// The same persons as they stood when these were enrolled, and the others were not.
+    #[must_use]
+    pub fn at_a_time(&self, enrolled: impl Fn(&Person) -> bool) -> Self {
+        let mut then = self.clone();
+        for person in then.by_name.values_mut() {
+            person.state = if enrolled(person) { PersonState::Enrolled } else { PersonState::Revoked };
+        }
+        then
     }
 
     /// Those who may decide.
@@ -265,6 +321,25 @@ impl Persons {
         self.act(PersonActKind::Enrol, who, unprotected, (by, reason))
     }
 
+    /// An act that confirms `who`, signed by an administrator who is confirmed.
+    ///
+    /// # Errors
+    /// If the machine gives no random number for the nonce, or the agent that holds the key signs nothing.
+    pub fn confirmation(
+        &self,
+        who: &Person,
+        by: &Identity,
+        reason: &str,
+    ) -> Result<SignedPersonAct, ApprovalError> {
+        self.act(PersonActKind::Confirm, &who.info(), who.unprotected, (by, reason))
+    }
+
+    /// An administrator who can confirm others, by name.
+    #[must_use]
+    pub fn confirmer(&self) -> Option<&Person> {
+        self.administrators().find(|admin| admin.confirmed_by.is_some())
+    }
+
     /// An act that revokes `who`, signed by an administrator.
     ///
     /// # Errors
@@ -296,6 +371,7 @@ impl Persons {
             store_id: self.store_id.clone(),
             follows: self.follows,
             nonce: Nonce::random()?,
+            guarded: by.is_guarded(),
         };
         SignedPersonAct::by(by, act)
     }
@@ -332,24 +408,25 @@ impl Persons {
             let first = act.act == PersonActKind::Enrol && act.role == Role::Admin && own;
             return if first { Ok(()) } else { Err(PersonError::NotTheFirst(name())) };
         }
-        self.check_signer(signed)?;
+        self.check_signer(&act.by, &signed.public_key)?;
         match act.act {
             PersonActKind::Enrol => self.check_enrolment(act, &key),
+            PersonActKind::Confirm => self.check_confirmation(act, &key),
             PersonActKind::Revoke => self.check_revocation(act, &key),
         }
     }
 
-    fn check_signer(&self, signed: &SignedPersonAct) -> Result<(), PersonError> {
-        let by = &signed.act.by;
+    /// Whether an administrator who is enrolled has that key.
+    pub(super) fn check_signer(&self, by: &str, public_key: &str) -> Result<(), PersonError> {
         let is_signer = |person: &&Person| {
-            person.state == PersonState::Enrolled && hex(person.public_key.as_bytes()) == signed.public_key
+            person.state == PersonState::Enrolled && hex(person.public_key.as_bytes()) == public_key
         };
         let signer =
-            self.named(by).filter(is_signer).ok_or_else(|| PersonError::SignerUnknown(by.clone()))?;
+            self.named(by).filter(is_signer).ok_or_else(|| PersonError::SignerUnknown(by.to_owned()))?;
         match signer.role {
             Role::Admin => Ok(()),
             role @ (Role::Operator | Role::Engineer | Role::Safety) => {
-                Err(PersonError::NoAdministrator { name: by.clone(), role })
+                Err(PersonError::NoAdministrator { name: by.to_owned(), role })
             }
         }
     }
@@ -365,13 +442,31 @@ impl Persons {
         if self.by_name.len() >= PERSONS_MAX { Err(PersonError::TooMany) } else { Ok(()) }
     }
 
-    fn check_revocation(&self, act: &PersonAct, key: &VerifyingKey) -> Result<(), PersonError> {
+    /// Whom an act is about that is about somebody enrolled.
+    fn enrolled_of(&self, act: &PersonAct, key: &VerifyingKey) -> Result<&Person, PersonError> {
         let enrolled = |person: &&Person| {
             person.state == PersonState::Enrolled && (person.public_key, person.role) == (*key, act.role)
         };
-        let Some(person) = self.named(&act.name).filter(enrolled) else {
-            return Err(PersonError::NotEnrolled(act.name.clone()));
-        };
+        self.named(&act.name).filter(enrolled).ok_or_else(|| PersonError::NotEnrolled(act.name.clone()))
+    }
+
+    fn check_confirmation(&self, act: &PersonAct, key: &VerifyingKey) -> Result<(), PersonError> {
+        let person = self.enrolled_of(act, key)?;
+        if let Some(by) = &person.confirmed_by {
+            return Err(PersonError::Confirmed { name: act.name.clone(), by: by.clone() });
+        }
+        if !self.is_confirmed(&act.by) {
+            return Err(PersonError::SignerUnconfirmed(act.by.clone()));
+        }
+        if act.guarded { Ok(()) } else { Err(PersonError::Unguarded(act.by.clone())) }
+    }
+
+    pub(super) fn is_confirmed(&self, name: &str) -> bool {
+        self.named(name).is_some_and(|person| person.confirmed_by.is_some())
+    }
+
+    fn check_revocation(&self, act: &PersonAct, key: &VerifyingKey) -> Result<(), PersonError> {
+        let person = self.enrolled_of(act, key)?;
         if person.role == Role::Admin && self.administrators().count() == 1 {
             return Err(PersonError::LastAdministrator(act.name.clone()));
         }
@@ -390,6 +485,8 @@ impl Persons {
                 let Some(public_key) = parse_public(&act.key) else {
                     return Err(PersonError::Signature(act.by.clone()));
                 };
+                // The first administrator is where trust begins, and others begin with an act that nobody else could sign.
+                let is_confirmed = self.is_empty() || (act.guarded && self.is_confirmed(&act.by));
                 let person = Person {
                     name: act.name.clone(),
                     role: act.role,
@@ -397,9 +494,15 @@ impl Persons {
                     state: PersonState::Enrolled,
                     unprotected: act.unprotected,
                     enrolled_by: act.by.clone(),
+                    confirmed_by: is_confirmed.then(|| act.by.clone()),
                     revoked_by: None,
                 };
                 self.by_name.insert(act.name.clone(), person);
+            }
+            PersonActKind::Confirm => {
+                if let Some(person) = self.by_name.get_mut(&act.name) {
+                    person.confirmed_by = Some(act.by.clone());
+                }
             }
             PersonActKind::Revoke => {
                 if let Some(person) = self.by_name.get_mut(&act.name) {

@@ -1,4 +1,4 @@
-//! `holdpoint identity new | enrol | revoke | list | passphrase`.
+//! `holdpoint identity new | enrol | confirm | revoke | list | passphrase`.
 //!
 //! A key is somebody's by an administrator's signed act, which the running engine takes, or the store itself
 //! (`identity/acts.rs`). A key that nobody enrolled decides nothing.
@@ -27,6 +27,7 @@ use holdpoint_registry::Layout;
 Examples:
   holdpoint identity new mara --role operator
   holdpoint identity enrol mara --by admin --reason 'joins the night shift'
+  holdpoint identity confirm mara --by admin --reason 'she works here'
   holdpoint identity revoke mara --by admin --reason 'lost her laptop'
   holdpoint identity passphrase mara
   holdpoint identity list")]
@@ -95,6 +96,22 @@ Examples:
         /// What this person does; as the identity was made if absent.
         #[arg(long, value_parser = roles())]
         role: Option<Role>,
+        #[command(flatten)]
+        act: acts::ActArgs,
+    },
+    /// Has an administrator vouch for a person who was enrolled by a key without a passphrase: `human` counts them then.
+    #[command(after_help = "\
+The administrator's key needs a passphrase, or lies with an ssh-agent, and
+the administrator is the store's first one or is confirmed: see the column
+\"confirmed by\" of `holdpoint identity list`. Compare the public key with
+what the person shows you before you confirm it.
+
+Example:
+  holdpoint identity confirm mara --by admin --reason 'she works here'")]
+    Confirm {
+        /// The person's name.
+        #[arg(value_parser = super::decide::parse_identity)]
+        name: String,
         #[command(flatten)]
         act: acts::ActArgs,
     },
@@ -200,6 +217,7 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
             };
             acts::enrol(context, (name, key, *role), act, out)?;
         }
+        IdentityVerb::Confirm { name, act } => acts::confirm(context, name, act, out)?,
         IdentityVerb::Revoke { name, act } => acts::revoke(context, name, act, out)?,
         IdentityVerb::List => return listed::list(context, out),
     }

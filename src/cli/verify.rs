@@ -177,6 +177,7 @@ fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
         ))?;
     }
     out.line(&format!("approvals          {}", report.approvals))?;
+    out.line(&format!("persons            {}, {} of them confirmed", report.persons, report.confirmed))?;
     out.line(&format!(
         "telemetry batches  {} ({} removed for age, {} not looked at)",
         report.batches, report.batches_pruned, report.batches_unseen
@@ -200,7 +201,7 @@ fn exported(report: &ExportReport, out: &mut Output<'_>) -> Result<(), CliError>
     out.line(&format!("signed heads       {} (checked with {by})", report.heads))?;
     out.line(&format!("root of the tree   {}", report.root))?;
     out.line(&format!("approvals          {}", report.approvals))?;
-    out.line(&format!("persons            {}", report.persons))
+    out.line(&format!("persons            {}, {} of them confirmed", report.persons, report.confirmed))
 }
 
 /// The folder of a witness as it goes on record.

@@ -79,6 +79,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::StandingSet
             | RecordKind::ApprovalConsumed
             | RecordKind::PersonEnrolled
+            | RecordKind::PersonConfirmed
             | RecordKind::PersonRevoked
             | RecordKind::ContextSet
             | RecordKind::ProfileLoaded

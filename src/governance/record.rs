@@ -44,6 +44,8 @@ crate::words! {
         ApprovalConsumed = "approval-consumed",
         /// An administrator enrolled a person's key: from then on what it signs may count.
         PersonEnrolled = "person-enrolled",
+        /// An administrator with a protected key vouched for a person who was enrolled without one.
+        PersonConfirmed = "person-confirmed",
         /// An administrator revoked a person's key: from then on nothing that it signed counts.
         PersonRevoked = "person-revoked",
         /// Profile, policy or thresholds changed.

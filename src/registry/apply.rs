@@ -60,7 +60,7 @@ pub(super) struct Applier<'a> {
     wall_ms: i64,
     pub(super) place: ApprovalBasis<'a>,
     first_seq: u64,
-    head: Head,
+    pub(super) head: Head,
     pub(super) row_versions: Vec<(CapabilityId, u64)>,
     /// Row version of each version whose state was set, as it was before this transaction.
     pub(super) row_versions_before: BTreeMap<String, u64>,
@@ -381,6 +381,7 @@ impl Applier<'_> {
             }
             Change::PutApprovalRequest(request) => self.put_request(request),
             Change::EnrolPerson(signed) => self.person_act(signed, PersonActKind::Enrol),
+            Change::ConfirmPerson(signed) => self.person_act(signed, PersonActKind::Confirm),
             Change::RevokePerson(signed) => self.person_act(signed, PersonActKind::Revoke),
             Change::PutApproval(signed) => self.put_approval(signed),
             Change::ConsumeApproval { nonce, evidence_digest } => {
@@ -393,8 +394,9 @@ impl Applier<'_> {
             | Change::SealTelemetryBlock { .. }
             | Change::PruneTelemetry { .. }
             | Change::MissTelemetry { .. } => self.about_telemetry(change),
-            Change::SetWitness { folder, present, by } => {
+            Change::SetWitness { folder, present, by, act } => {
                 check_json("caller", by)?;
+                self.check_witness_act((folder, *present), act.as_deref())?;
                 witness::check_path(folder)?;
                 let known = self.fold.witnesses();
                 if *present && known.len() >= WITNESSES_MAX && !known.contains(folder) {

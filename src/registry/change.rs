@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::names::{EvidenceKind, RequestState};
-use holdpoint_approvals::{SignedApproval, SignedPersonAct};
+use holdpoint_approvals::{PersonActKind, SignedApproval, SignedPersonAct, SignedWitnessAct};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Flags;
@@ -213,6 +213,8 @@ pub enum Change {
     /// A person's key may decide from now on. Checked: that an administrator who is enrolled signed the act, for this
     /// store as it stands; the first act of a store is its first administrator's own.
     EnrolPerson(Box<SignedPersonAct>),
+    /// A confirmed administrator vouches for a person. Checked: that the key that signed was guarded, and whose it is.
+    ConfirmPerson(Box<SignedPersonAct>),
     /// Nothing that a person's key signed counts any more. Checked likewise; one administrator always stays.
     RevokePerson(Box<SignedPersonAct>),
     /// Keeps a signed decision. Checked: that who made it is enrolled here, in that role, with that key, for this store.
@@ -268,6 +270,10 @@ pub enum Change {
         present: bool,
         /// Who asked for it, as the system says, JSON text.
         by: String,
+        /// The administrator who answers for it. Where robots or people are at risk there has to be one; records of
+        /// earlier versions have none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        act: Option<Box<SignedWitnessAct>>,
     },
     /// An alarm as it now stands.
     AlarmChange {
@@ -302,11 +308,24 @@ pub struct BatchReceipt {
 }
 
 impl Change {
+    /// The change that an act about a person is.
+    #[must_use]
+    pub fn about_person(signed: SignedPersonAct) -> Self {
+        let kind = signed.act().act;
+        let signed = Box::new(signed);
+        match kind {
+            PersonActKind::Enrol => Self::EnrolPerson(signed),
+            PersonActKind::Confirm => Self::ConfirmPerson(signed),
+            PersonActKind::Revoke => Self::RevokePerson(signed),
+        }
+    }
+
     /// Whether it lets something in or takes it further. What stops, takes off and writes down does not.
     pub(crate) const fn lets_in(&self) -> bool {
         match self {
             Self::RegisterVersion(_)
             | Self::EnrolPerson(_)
+            | Self::ConfirmPerson(_)
             | Self::PutApproval(_)
             | Self::ConsumeApproval { .. }
             | Self::SetContext { .. }

@@ -104,6 +104,8 @@ pub struct ExportReport {
     pub approvals: u64,
     /// Persons that the records enrol, revoked ones included.
     pub persons: u64,
+    /// Those of them who are confirmed.
+    pub confirmed: u64,
     /// Whether a public key was given; without one, signatures were checked with the key that the file itself names.
     pub key_given: bool,
 }
@@ -270,6 +272,7 @@ pub fn verify_export(path: &Path, key: Option<&VerifyingKey>) -> Result<ExportRe
         heads: exported.heads.len() as u64 + u64::from(exported.signed_end.is_some()),
         approvals: exported.approvals.len() as u64,
         persons: exported.persons.all().count() as u64,
+        confirmed: exported.persons.confirmed().count() as u64,
         key_given: key.is_some(),
     })
 }
@@ -354,13 +357,26 @@ impl Exported {
             })?;
             self.put.insert(nonce, key);
         }
-        if matches!(record.kind.known(), Some(RecordKind::PersonEnrolled | RecordKind::PersonRevoked)) {
+        let about_a_person =
+            [RecordKind::PersonEnrolled, RecordKind::PersonConfirmed, RecordKind::PersonRevoked];
+        if about_a_person.iter().any(|kind| record.kind == *kind) {
             let body: PersonBody =
                 serde_json::from_str(&record.body).map_err(|error| bad(&error.to_string()))?;
-            let (Change::EnrolPerson(signed) | Change::RevokePerson(signed)) = &body.change else {
+            let (Change::EnrolPerson(signed) | Change::ConfirmPerson(signed) | Change::RevokePerson(signed)) =
+                &body.change
+            else {
                 return Err(bad("it is no act about a person"));
             };
             self.take_act(record, signed)?;
+        }
+        if record.kind == RecordKind::WitnessSet {
+            let body: PersonBody =
+                serde_json::from_str(&record.body).map_err(|error| bad(&error.to_string()))?;
+            if let Change::SetWitness { folder, present, act: Some(act), .. } = &body.change {
+                act.check(&self.persons, (folder, *present), record.prev).map_err(|error| {
+                    VerifyError::Person { name: act.act().by.clone(), problem: error.to_string() }
+                })?;
+            }
         }
         if record.kind == RecordKind::StoreRebuilt {
             let body: RowsOnRecord =
@@ -394,6 +410,7 @@ impl Exported {
         let act = signed.act();
         let kind = match act.act {
             PersonActKind::Enrol => RecordKind::PersonEnrolled,
+            PersonActKind::Confirm => RecordKind::PersonConfirmed,
             PersonActKind::Revoke => RecordKind::PersonRevoked,
         };
         let bad = |problem: String| VerifyError::Person { name: act.name.clone(), problem };

@@ -2,7 +2,6 @@
 //! is for [`verify`](super::verify()), which reads all of it.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use rusqlite::Connection;
@@ -13,9 +12,11 @@ use super::audit::{self, Head};
 use super::backup::count;
 use super::checkpoint::{Checkpoint, names, read_all};
 use super::error::StoreError;
+use super::key_files::look_at_keys;
 use super::layout::{Layout, lock_owner, size};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::{damaged, open_reader};
+use super::people;
 use super::shape::first_difference;
 use super::signed;
 use super::witness::{look_at_witness, witnesses};
@@ -116,11 +117,11 @@ pub struct Looked {
     pub text: String,
 }
 
-fn good(text: impl Into<String>) -> Looked {
+pub(crate) fn good(text: impl Into<String>) -> Looked {
     Looked { good: true, text: text.into() }
 }
 
-fn bad(text: impl Into<String>) -> Looked {
+pub(crate) fn bad(text: impl Into<String>) -> Looked {
     Looked { good: false, text: text.into() }
 }
 
@@ -148,7 +149,10 @@ pub fn check_store(folder: &Path) -> Result<Vec<Looked>, StoreError> {
     found.extend(telemetry_file(&layout)?);
     found.push(counted_records(&connection, head)?);
     found.push(signed_end(&layout, &connection, head));
-    found.push(store_key(&layout));
+    match people::read(&connection, &info.store_id).map_err(&failed)? {
+        Ok(persons) => found.extend(look_at_keys(&layout, &persons)),
+        Err((name, problem)) => found.push(bad(format!("The person {name:?} is bad: {problem}."))),
+    }
     found.push(if info.free_bytes < FREE_BYTES_MIN {
         bad(format!("Only {} are free where the store lies.", size(info.free_bytes)))
     } else {
@@ -240,17 +244,5 @@ fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> Looked {
                 good(format!("The audit chain is signed to its end, with {} checkpoints.", kept.len()))
             }
         },
-    }
-}
-
-fn store_key(layout: &Layout) -> Looked {
-    let path = layout.store_key();
-    match fs::symlink_metadata(&path) {
-        Err(error) => bad(format!("The store's secret key cannot be used: {error}.")),
-        Ok(file) if !file.is_file() => bad("The store's secret key is no file."),
-        Ok(file) if file.permissions().mode() & 0o077 != 0 => {
-            bad(format!("Others may read the store's secret key; `chmod 600 {}` ends that.", path.display()))
-        }
-        Ok(_) => good("The store's secret key is there, for its owner alone."),
     }
 }

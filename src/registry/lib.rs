@@ -27,6 +27,7 @@ mod fold;
 mod info;
 mod invariants;
 mod kept;
+mod key_files;
 mod layout;
 mod lost;
 mod merkle;
@@ -57,7 +58,7 @@ mod views;
 mod witness;
 
 pub use administrator::FIRST_ADMINISTRATOR;
-pub use appointment::{add_witness, remove_witness};
+pub use appointment::{WitnessedBy, add_witness, remove_witness, witnesses_are_signed};
 pub use audit::{ExportError, Head};
 pub use backup::{BackupError, BackupParts, BackupReport, LeftOut, RecordingOnRecord, RecordingsOf, backup};
 pub use change::{

@@ -19,6 +19,7 @@ pub(crate) const STORE: Schema = Schema {
         include_str!("schema/store-1.sql"),
         include_str!("schema/store-2.sql"),
         include_str!("schema/store-3.sql"),
+        include_str!("schema/store-4.sql"),
     ],
 };
 

@@ -19,6 +19,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::ApprovalPut
         | RecordKind::ApprovalConsumed
         | RecordKind::PersonEnrolled
+        | RecordKind::PersonConfirmed
         | RecordKind::PersonRevoked
         | RecordKind::ContextSet
         | RecordKind::TelemetrySealed

@@ -1,4 +1,4 @@
-//! Persons in the store: the acts that enrol and revoke them, checked inside the transaction that keeps them, and the
+//! Persons in the store: the acts that enrol, confirm and revoke them, checked inside the transaction that keeps them, and the
 //! first administrator.
 
 use rusqlite::{Connection, params};
@@ -10,6 +10,9 @@ use super::rows::ChainedTable;
 use holdpoint_approvals::{Person, PersonActKind, PersonState, Persons, SignedPersonAct};
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
+
+/// The schema that keeps confirmations.
+const CONFIRMED_SINCE: usize = 4;
 
 /// A person's row beside the acts.
 struct PersonRow {
@@ -40,21 +43,27 @@ pub(crate) fn read(
     store_id: &str,
 ) -> rusqlite::Result<Result<Persons, (String, String)>> {
     let mut persons = Persons::none(store_id);
-    if version(connection)? < ChainedTable::Person.since() {
+    let schema = version(connection)?;
+    if schema < ChainedTable::Person.since() {
         return Ok(Ok(persons));
     }
-    let mut select = connection.prepare_cached(
-        "SELECT name, role, public_key, state, enrolled_by, unprotected, revoked_by, seq, enrolled, revoked_seq, revoked
-         FROM person",
-    )?;
+    let confirmed = if schema < CONFIRMED_SINCE { "NULL, NULL" } else { "confirmed_seq, confirmed" };
+    let mut select = connection.prepare_cached(&format!(
+        "SELECT name, role, public_key, state, enrolled_by, unprotected, revoked_by, seq, enrolled, revoked_seq, revoked,
+         {confirmed} FROM person",
+    ))?;
     let mut found = select.query([])?;
     let (mut rows, mut acts) = (Vec::new(), Vec::new());
     while let Some(row) = found.next()? {
         let name: String = row.get(0)?;
         let enrolled: (u64, String) = (row.get(7)?, row.get(8)?);
         acts.push((enrolled.0, name.clone(), PersonActKind::Enrol, enrolled.1));
-        if let (Some(seq), Some(text)) = (row.get::<_, Option<u64>>(9)?, row.get::<_, Option<String>>(10)?) {
-            acts.push((seq, name.clone(), PersonActKind::Revoke, text));
+        for (kind, seq, text) in [(PersonActKind::Revoke, 9, 10), (PersonActKind::Confirm, 11, 12)] {
+            if let (Some(seq), Some(text)) =
+                (row.get::<_, Option<u64>>(seq)?, row.get::<_, Option<String>>(text)?)
+            {
+                acts.push((seq, name.clone(), kind, text));
+            }
         }
         rows.push(PersonRow {
             name,
@@ -97,7 +106,7 @@ impl Applier<'_> {
             .map_err(|(name, problem)| StoreError::Person { name, problem })
     }
 
-    /// Enrols or revokes, if the act is allowed.
+    /// Enrols, confirms or revokes, if the act is allowed.
     pub(super) fn person_act(
         &self,
         signed: &SignedPersonAct,
@@ -135,6 +144,14 @@ impl Applier<'_> {
                     ],
                 )?;
                 Ok(Touched::new(RecordKind::PersonEnrolled, &act.name))
+            }
+            PersonActKind::Confirm => {
+                self.execute(
+                    "confirm a person",
+                    "UPDATE person SET confirmed_seq = ?2, confirmed = ?3, changed_ms = ?4 WHERE name = ?1",
+                    params![act.name, self.next_seq(), text, self.at_ms],
+                )?;
+                Ok(Touched::new(RecordKind::PersonConfirmed, &act.name))
             }
             PersonActKind::Revoke => {
                 self.execute(

@@ -86,8 +86,12 @@ impl Applier<'_> {
             Change::SetActive { family, active, pinned, cause, robot } => {
                 self.write_active(family, (active.as_ref(), pinned.as_ref()), cause, robot.as_deref())
             }
+            // It writes no row.
+            Change::SetWitness { .. } => return Ok(()),
             Change::ConsumeApproval { nonce, .. } => return self.write_consumed(nonce),
-            Change::EnrolPerson(signed) | Change::RevokePerson(signed) => self.write_person_act(signed),
+            Change::EnrolPerson(signed) | Change::ConfirmPerson(signed) | Change::RevokePerson(signed) => {
+                self.write_person_act(signed)
+            }
             Change::RegisterVersion(_)
             | Change::SetFlags { .. }
             | Change::SetScores { .. }
@@ -102,7 +106,6 @@ impl Applier<'_> {
             | Change::SealTelemetryBlock { .. }
             | Change::PruneTelemetry { .. }
             | Change::MissTelemetry { .. }
-            | Change::SetWitness { .. }
             | Change::AlarmChange { .. } => self.change(change),
         };
         touched.map(drop)

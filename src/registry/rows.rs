@@ -106,8 +106,11 @@ impl ChainedTable {
             | Self::Evidence
             | Self::ApprovalRequest
             | Self::Approval
-            | Self::Alarm
-            | Self::Person => &[],
+            | Self::Alarm => &[],
+            Self::Person => &[
+                LaterColumn { name: "confirmed_seq", since: 4 },
+                LaterColumn { name: "confirmed", since: 4 },
+            ],
         }
     }
 
@@ -152,7 +155,7 @@ pub(crate) fn rows_of(change: &Change, seq: u64) -> Vec<RowName> {
         | Change::VoidFamily { family, .. } => vec![(T::Family, family.to_string())],
         Change::PutEvidence { .. } => vec![(T::Evidence, seq.to_string())],
         Change::PutApprovalRequest(request) => vec![(T::ApprovalRequest, request.id.clone())],
-        Change::EnrolPerson(signed) | Change::RevokePerson(signed) => {
+        Change::EnrolPerson(signed) | Change::ConfirmPerson(signed) | Change::RevokePerson(signed) => {
             vec![(T::Person, signed.act().name.clone())]
         }
         Change::PutApproval(signed) => vec![(T::Approval, signed.approval().nonce.to_string())],

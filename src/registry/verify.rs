@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use ed25519_dalek::VerifyingKey;
 use serde::Serialize;
 
+use super::appointment::check_witness_acts;
 use super::aside::wrong_shape;
 use super::audit::head;
 use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
@@ -77,6 +78,8 @@ pub struct VerifyReport {
     /// First and last of the records that nobody had signed when a rebuild took them: nothing speaks for those.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub taken_unsigned: Vec<(u64, u64)>,
+    /// Those of them for whom a confirmed administrator vouches with a protected key, the first administrator included.
+    pub confirmed: u64,
     /// Sealed batches of telemetry that match.
     pub batches: u64,
     /// Sealed batches that were removed for age.
@@ -214,6 +217,9 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     let persons = people::read(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
+    check_witness_acts(&connection, &persons)
+        .map_err(unreadable)?
+        .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
     }
@@ -229,6 +235,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
         approvals,
         persons: persons.all().count() as u64,
         taken_unsigned: fold.taken_unsigned().to_vec(),
+        confirmed: persons.confirmed().count() as u64,
         batches: 0,
         batches_pruned: 0,
         batches_missed: 0,

@@ -47,7 +47,10 @@ fn person(store: &Store, name: &str, role: Role, keep: Keep<'_>) {
     let folder = store.layout().identities();
     let who = Identity::create_kept(&folder, name, role, keep).unwrap();
     let persons = store.persons().unwrap();
-    let admin = persons.unasked(&folder).unwrap();
+    let plain = persons.unasked(&folder).unwrap();
+    plain.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    let admin = Identity::open(&folder, "admin").unwrap().unlock(Some(&words())).unwrap();
+    plain.keep(&folder, Keep::Plain).unwrap();
     let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
     write(store, format!("enrol-{name}"), Change::EnrolPerson(Box::new(act)));
 }
@@ -324,7 +327,24 @@ fn the_verbs_sign_as_who_they_are_told() {
     ends(&["stop"], 0, "stopped");
     let go = ["go", "--reason", "empty", "--as"];
     ends(&[&go[..], &["eve"]].concat(), 3, "identity passphrase eve");
-    ends(&[&go[..], &["mara", "--passphrase-file", oak]].concat(), 0, "works again");
+    let go_mara = [&go[..], &["mara", "--passphrase-file", oak]].concat();
+    // An open key enrolled her; the engine that runs takes the confirmation, and an enrolment, through its socket.
+    ends(&go_mara, 3, "`holdpoint identity confirm mara --by admin --reason TEXT`");
+    let act = ["--by", "admin", "--reason", "known", "--passphrase-file", oak];
+    let confirm = [&["identity", "confirm", "mara"][..], &act].concat();
+    ends(&[&confirm[..7]].concat(), 3, "the key of admin has no passphrase");
+    ends(&["identity", "passphrase", "admin", "--new-passphrase-file", oak], 0, "has a passphrase now");
+    ends(&confirm, 0, "is confirmed by admin");
+    ends(&confirm, 3, "\"mara\" is confirmed already, by \"admin\"");
+    ends(&["identity", "new", "omar", "--unprotected"], 0, "not enrolled");
+    ends(&[&["identity", "enrol", "omar"][..], &act].concat(), 0, "omar is enrolled as operator by admin");
+    ends(&["audit", "verify"], 0, "4, 3 of them confirmed");
+    let listed = holdpoint(&root, &["identity", "list", "--json"]);
+    let listed: Vec<Value> = serde_json::from_slice(&listed.stdout).unwrap();
+    let by = |name: &str| listed.iter().find(|one| one["name"] == name).unwrap()["confirmed_by"].clone();
+    assert_eq!((by("mara"), by("omar"), by("eve")), ("admin".into(), "admin".into(), Value::Null));
+    ends(&["identity", "list"], 0, "nobody");
+    ends(&go_mara, 0, "works again");
     ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
     ends(&["stop"], 0, "stopped");
     Client::connect(&Layout::new(&data)).unwrap().unwrap().ask(Command::Shutdown).unwrap();

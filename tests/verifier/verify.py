@@ -19,6 +19,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 LINE_BYTES_MAX = 32 << 20
 HEADS_KEPT_MAX = 1000
+# Kinds of records whose bodies are read.
+TAKEN = ("approval-put", "person-enrolled", "person-confirmed", "person-revoked", "witness-set", "store-rebuilt")
 ZEROS = bytes(32)
 
 
@@ -227,18 +229,23 @@ class Persons:
 
     def __init__(self, store_id):
         self.store_id, self.follows = text(store_id), digest("holdpoint/persons/v1", text(store_id))
-        self.keys, self.roles, self.revoked = {}, {}, set()
+        self.keys, self.roles, self.revoked, self.confirmed = {}, {}, set(), set()
 
     def take(self, record, change):
         """Takes an act: signed by an administrator who is enrolled, following from the act before."""
         fields(change, ("change", "act", "public_key", "signature"))
         names = ("act", "name", "role", "key", "unprotected", "by", "reason", "store_id", "follows", "nonce")
-        act = fields(change["act"], names)
+        act = fields(change["act"], names, ("guarded",))
+        guarded = act.get("guarded", False)
         name, by, kind, role, key = (act[field] for field in ("name", "by", "act", "role", "key"))
-        kinds = {"person-enrolled": ("enrol-person", "enrol"), "person-revoked": ("revoke-person", "revoke")}
+        kinds = {
+            "person-enrolled": ("enrol-person", "enrol"),
+            "person-confirmed": ("confirm-person", "confirm"),
+            "person-revoked": ("revoke-person", "revoke"),
+        }
         if kinds[record["kind"]] != (change["change"], kind) or record["subject"] != name:
             raise Bad("person", name, "the act is not what was recorded")
-        if not isinstance(act["unprotected"], bool) or role not in ("operator", "engineer", "safety", "admin"):
+        if not isinstance(act["unprotected"], bool) or not isinstance(guarded, bool) or role not in ("operator", "engineer", "safety", "admin"):
             raise ValueError("an act about a person is not of its form")
         signed = digest(
             "holdpoint/person-act/v1",
@@ -252,6 +259,7 @@ class Persons:
             text(by),
             text(act["reason"]),
             text(act["nonce"]),
+            *([b"guarded"] if guarded else []),
         )
         try:
             signer = Ed25519PublicKey.from_public_bytes(digits(change["public_key"], 32))
@@ -270,15 +278,52 @@ class Persons:
         if kind == "enrol":
             if name in self.keys or key in self.keys.values():
                 raise Bad("person", name, "a name and a key are used once")
+            if not self.keys or (guarded and by in self.confirmed):
+                self.confirmed.add(name)
             self.keys[name], self.roles[name] = key, role
+        elif name in self.revoked or (self.keys.get(name), self.roles.get(name)) != (key, role):
+            raise Bad("person", name, "nobody like that is enrolled")
+        elif kind == "confirm":
+            if name in self.confirmed or by not in self.confirmed or not guarded:
+                raise Bad("person", name, "a confirmed administrator with a protected key confirms others, once")
+            self.confirmed.add(name)
         else:
             administrators = [one for one, is_a in self.roles.items() if is_a == "admin" and one not in self.revoked]
-            if name in self.revoked or (self.keys.get(name), self.roles.get(name)) != (key, role):
-                raise Bad("person", name, "nobody like that is enrolled")
             if administrators == [name]:
                 raise Bad("person", name, "the last administrator cannot be revoked")
             self.revoked.add(name)
         self.follows = signed
+
+    def take_witness(self, record, change):
+        """Looks at an administrator's word on a witness, which earlier records do not have."""
+        if change.get("act") is None:
+            return
+        word = fields(change["act"], ("act", "public_key", "signature"))
+        act = fields(word["act"], ("folder", "present", "by", "reason", "store_id", "after", "guarded"))
+        by = act["by"]
+        if not isinstance(act["present"], bool) or not isinstance(act["guarded"], bool):
+            raise ValueError("a word on a witness is not of its form")
+        signed = digest(
+            "holdpoint/witness-act/v1",
+            text(act["store_id"]),
+            digits(act["after"], 32),
+            text(act["folder"]),
+            b"present" if act["present"] else b"",
+            text(by),
+            text(act["reason"]),
+            b"guarded" if act["guarded"] else b"",
+        )
+        try:
+            signer = Ed25519PublicKey.from_public_bytes(digits(word["public_key"], 32))
+        except ValueError as error:
+            raise Bad("person", by, "a key of the word is none") from error
+        if not signed_by(signer, signature_of(word["signature"]), signed):
+            raise Bad("person", by, "the signature does not match the word on a witness")
+        told = (text(act["store_id"]), act["folder"], act["present"], act["after"])
+        if told != (self.store_id, change["folder"], change["present"], record["prev"]):
+            raise Bad("person", by, "the word on a witness is of another place, or another end of the chain")
+        if by in self.revoked or self.keys.get(by) != word["public_key"] or self.roles[by] != "admin":
+            raise Bad("person", by, "who signed is no administrator who is enrolled")
 
     def key_of(self, who):
         """The key of somebody who is enrolled; none before anybody was."""
@@ -353,7 +398,7 @@ class Export:
 
     def take_body(self, record):
         """What a record says of persons and approvals."""
-        if record["kind"] not in ("approval-put", "person-enrolled", "person-revoked", "store-rebuilt"):
+        if record["kind"] not in TAKEN:
             return
         body = json.loads(record["body"], object_pairs_hook=unique, parse_constant=no_number, parse_int=plain)
         if record["kind"] == "approval-put":
@@ -364,8 +409,10 @@ class Export:
                 self.put[change["nonce"]] = self.persons.key_of(change["who"])
             except LookupError as error:
                 raise Bad("approval", change["nonce"], "whoever gave it was not enrolled then") from error
-        if record["kind"] in ("person-enrolled", "person-revoked"):
+        if record["kind"] in ("person-enrolled", "person-confirmed", "person-revoked"):
             self.persons.take(record, body["change"])
+        if record["kind"] == "witness-set":
+            self.persons.take_witness(record, body["change"])
         if record["kind"] == "store-rebuilt":
             for table, key, row_digest in body["rows"]:
                 digits(row_digest, 32)
@@ -542,6 +589,7 @@ def main():
         "heads": len(export.heads) + (export.end is not None),
         "approvals": len(export.approvals),
         "persons": len(export.persons.keys),
+        "confirmed": len(export.persons.confirmed),
         "key_given": key is not None,
     }
     print(json.dumps(answer) if options.json else f"sound: {export.seq} records, head {export.last.hex()}")

@@ -103,7 +103,7 @@ fn any_edit_voids_an_act() {
     let signed = persons.enrolment(ben.info(), false, &root, "a test").unwrap();
     persons.check(&signed).unwrap();
     type Edit = fn(&mut PersonAct);
-    let edits: [(&str, Edit); 10] = [
+    let edits: [(&str, Edit); 11] = [
         ("act", |a| a.act = PersonActKind::Revoke),
         ("name", |a| a.name = "eve".into()),
         ("role", |a| a.role = Role::Safety),
@@ -114,6 +114,7 @@ fn any_edit_voids_an_act() {
         ("store", |a| a.store_id.push('!')),
         ("follows", |a| a.follows = Digest::of_parts("t", &[b"x"])),
         ("nonce", |a| a.nonce = Nonce::from_bytes([8; 16])),
+        ("guarded", |a| a.guarded = true),
     ];
     for (name, edit) in edits {
         let mut forged = signed.clone();
@@ -124,4 +125,79 @@ fn any_edit_voids_an_act() {
         let act = persons.enrolment(ben.info(), false, &root, reason).unwrap();
         assert!(matches!(persons.check(&act), Err(PersonError::Field { field: "reason", .. })));
     }
+}
+
+/// The same key under a passphrase.
+fn guarded(folder: &Path, who: &Identity) -> Identity {
+    use crate::keyfile::Keep;
+    use crate::{Cost, Passphrase};
+    let words = Passphrase::new("under the oak".to_owned().into()).unwrap();
+    who.keep(folder, Keep::Sealed(&words, Cost::LEAST)).unwrap();
+    Identity::open(folder, &who.info().name).unwrap().unlock(Some(&words)).unwrap()
+}
+
+fn confirm(persons: &mut Persons, name: &str, by: &Identity) -> Result<(), PersonError> {
+    let who = persons.named(name).cloned().unwrap();
+    let act = persons.confirmation(&who, by, "a test").unwrap();
+    persons.push(&act)
+}
+
+fn confirmed_by<'a>(persons: &'a Persons, name: &str) -> Option<&'a str> {
+    persons.named(name).unwrap().confirmed_by.as_deref()
+}
+
+/// An administrator whose key lay open could make anybody a person; that lent whom it made the standing of others.
+#[test]
+fn an_unguarded_key_vouches_for_nobody_until_a_guarded_one_confirms() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut persons, root, _) = begun(folder.path());
+    assert_eq!(confirmed_by(&persons, "ada"), None);
+    assert_eq!(confirmed_by(&persons, "admin"), Some("admin"), "where trust begins");
+    assert_eq!(confirm(&mut persons, "ada", &root), Err(PersonError::Unguarded("admin".into())));
+    // The same key, protected: what it signs from now on stands, and what it signed before does not.
+    let root = guarded(folder.path(), &root);
+    assert_eq!(confirmed_by(&persons, "ada"), None);
+    confirm(&mut persons, "ada", &root).unwrap();
+    assert_eq!(confirmed_by(&persons, "ada"), Some("admin"));
+    let again = confirm(&mut persons, "ada", &root).unwrap_err();
+    assert_eq!(again, PersonError::Confirmed { name: "ada".into(), by: "admin".into() });
+    let ben = made(folder.path(), "ben", Role::Safety);
+    enrol(&mut persons, &ben, &root).unwrap();
+    assert_eq!(confirmed_by(&persons, "ben"), Some("admin"), "enrolled by a guarded key");
+    revoke(&mut persons, "ben", &root).unwrap();
+    let who = Person { confirmed_by: None, ..persons.named("ben").cloned().unwrap() };
+    let act = persons.confirmation(&who, &root, "a test").unwrap();
+    assert_eq!(persons.check(&act), Err(PersonError::NotEnrolled("ben".into())));
+    // Who is no administrator confirms nobody, and the signature covers that the key was guarded.
+    let cleo = made(folder.path(), "cleo", Role::Safety);
+    let mut act =
+        persons.enrolment(cleo.info(), false, &made(folder.path(), "x", Role::Admin), "a test").unwrap();
+    assert!(!act.act().guarded);
+    act.act.guarded = true;
+    assert!(matches!(persons.check(&act), Err(PersonError::Signature(_))));
+}
+
+/// A protected administrator whom an open key enrolled: trust does not begin with them, for anybody.
+#[test]
+fn trust_leads_back_to_the_first_administrator_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut persons, root, _) = begun(folder.path());
+    let second = made(folder.path(), "second", Role::Admin);
+    enrol(&mut persons, &second, &root).unwrap();
+    let second = guarded(folder.path(), &second);
+    let third = made(folder.path(), "third", Role::Admin);
+    enrol(&mut persons, &third, &second).unwrap();
+    let third = guarded(folder.path(), &third);
+    assert_eq!((confirmed_by(&persons, "second"), confirmed_by(&persons, "third")), (None, None));
+    for (whom, by) in [("second", &second), ("third", &second), ("second", &third), ("ada", &second)] {
+        let error = confirm(&mut persons, whom, by).unwrap_err();
+        assert_eq!(error, PersonError::SignerUnconfirmed(by.info().name.clone()), "{whom}");
+    }
+    let root = guarded(folder.path(), &root);
+    confirm(&mut persons, "second", &root).unwrap();
+    assert_eq!(confirmed_by(&persons, "third"), None, "an act is worth what it was worth when it was made");
+    confirm(&mut persons, "third", &second).unwrap();
+    revoke(&mut persons, "admin", &second).unwrap();
+    assert_eq!(persons.confirmer().map(|one| one.name.as_str()), Some("second"));
+    confirm(&mut persons, "ada", &third).unwrap();
 }

@@ -14,7 +14,7 @@ use crate::cli::side::{door_error, refused, running};
 use crate::error::CliError;
 use holdpoint_approvals::agent::Agent;
 use holdpoint_approvals::keyfile::{self, Protection};
-use holdpoint_approvals::{Identity, IdentityInfo, PersonActKind, Persons, SignedPersonAct};
+use holdpoint_approvals::{Identity, IdentityInfo, Person, PersonActKind, Persons, SignedPersonAct};
 use holdpoint_engine::door::Client;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
@@ -87,15 +87,26 @@ impl Register {
         act: PersonActKind,
     ) -> Result<Identity, CliError> {
         let kept = passphrase::kept(context, name)?;
-        let strict = act == PersonActKind::Enrol && self.profile == Some(ProfileName::Human);
-        if strict && kept.protection() == Protection::None {
-            let text = format!(
-                "the key of {name} has no passphrase, and where the profile human decides none such enrols people"
-            );
+        let refused = match act {
+            PersonActKind::Enrol if self.profile == Some(ProfileName::Human) => {
+                Some("and where the profile human decides none such enrols people")
+            }
+            PersonActKind::Confirm => Some("and who can read such a key could confirm anybody with it"),
+            PersonActKind::Enrol | PersonActKind::Revoke => None,
+        };
+        if let Some(why) = refused.filter(|_| kept.protection() == Protection::None) {
+            let text = format!("the key of {name} has no passphrase, {why}");
             let hint = format!("`holdpoint identity passphrase {name}` sets one and keeps the key");
             return Err(CliError::held(text).with_hint(hint));
         }
         passphrase::unlock(kept, file)
+    }
+
+    fn enrolled(&self, name: &str) -> Result<&Person, CliError> {
+        self.persons.named(name).ok_or_else(|| {
+            CliError::usage(format!("{name} is not enrolled in this store"))
+                .with_hint("see `holdpoint identity list`")
+        })
     }
 
     fn take(self, signed: SignedPersonAct) -> Result<(), CliError> {
@@ -117,13 +128,9 @@ impl Register {
             Taker::Own(store) => {
                 self.persons.check(&signed).map_err(CliError::held)?;
                 let command_id = format!("person-{}", signed.act().nonce);
-                let change = match signed.act().act {
-                    PersonActKind::Enrol => Change::EnrolPerson(Box::new(signed)),
-                    PersonActKind::Revoke => Change::RevokePerson(Box::new(signed)),
-                };
                 let at_ms = store.opening().head.at_ms;
                 let at_ms = store.views().and_then(|views| views.head()).map_or(at_ms, |head| head.at_ms);
-                let (wall_ms, changes) = (wall_ms(), vec![change]);
+                let (wall_ms, changes) = (wall_ms(), vec![Change::about_person(signed)]);
                 let transaction = Transaction { command_id, at_ms, wall_ms, changes, audit: Vec::new() };
                 store.commit(transaction).map(drop).map_err(CliError::usage)
             }
@@ -151,8 +158,9 @@ impl Enrolment {
         match self {
             Self::By { name, asked: true } => format!("enrolled by {name}"),
             Self::By { name, asked: false } => format!(
-                "enrolled by {name}, whose key has no passphrase: whoever can read it enrols people. \
-                 `holdpoint identity passphrase {name}` sets one"
+                "enrolled by {name}, whose key has no passphrase: whoever can read it enrols people, and the profile human \
+                 counts nothing of {who}. `holdpoint identity passphrase {name}` sets one, and then \
+                 `holdpoint identity confirm {who} --by {name} --reason TEXT`"
             ),
             Self::NotYet { admin } => format!(
                 "not enrolled: {who} can decide nothing yet. \
@@ -234,6 +242,27 @@ pub(super) fn enrol(
     })
 }
 
+/// Has somebody confirmed who was enrolled by a key that others could have used.
+pub(super) fn confirm(
+    context: &CliContext,
+    name: &str,
+    args: &ActArgs,
+    out: &mut Output<'_>,
+) -> Result<(), CliError> {
+    let register = Register::open(context)?;
+    let person = register.enrolled(name)?;
+    let admin =
+        register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Confirm)?;
+    let signed =
+        register.persons.confirmation(person, &admin, args.reason.raw()).map_err(CliError::internal)?;
+    register.persons.check(&signed).map_err(CliError::held)?;
+    let (role, key) = (person.role, keyfile::hex(person.public_key.as_bytes()));
+    register.take(signed.clone())?;
+    out.answer(&signed, |out| {
+        out.line(&format!("{name} ({role}, public key {key}) is confirmed by {}", admin.info().name))
+    })
+}
+
 /// Has somebody revoked.
 pub(super) fn revoke(
     context: &CliContext,
@@ -242,17 +271,20 @@ pub(super) fn revoke(
     out: &mut Output<'_>,
 ) -> Result<(), CliError> {
     let register = Register::open(context)?;
-    let Some(person) = register.persons.named(name) else {
-        let text = format!("{name} is not enrolled in this store");
-        return Err(CliError::usage(text).with_hint("see `holdpoint identity list`"));
-    };
+    let person = register.enrolled(name)?;
     let admin =
         register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Revoke)?;
     let signed =
         register.persons.revocation(person, &admin, args.reason.raw()).map_err(CliError::internal)?;
+    let last = register.persons.confirmer().is_some_and(|one| one.name == name)
+        && !register.persons.administrators().any(|one| one.name != name && one.confirmed_by.is_some());
     register.take(signed.clone())?;
     out.answer(&signed, |out| {
-        out.line(&format!("{name} is revoked by {}: nothing that this key signed counts", admin.info().name))
+        out.line(&format!("{name} is revoked by {}: nothing that this key signed counts", admin.info().name))?;
+        if last {
+            out.line("nobody is left who could confirm others: of whom is not confirmed yet, the profile human counts nothing")?;
+        }
+        Ok(())
     })
 }
 

@@ -48,6 +48,9 @@ pub(super) struct ListedIdentity {
     enrolled_unprotected: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     enrolled_by: Option<String>,
+    /// Whose act with a protected key stands behind this person; absent where none does, and `human` counts nothing of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    confirmed_by: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     revoked_by: Option<String>,
     /// What is wrong with the files, and what to do; absent if nothing is.
@@ -68,6 +71,7 @@ impl ListedIdentity {
             state: EnrolmentStanding::NotEnrolled,
             enrolled_unprotected: None,
             enrolled_by: None,
+            confirmed_by: None,
             revoked_by: None,
             problem: None,
             is_open: false,
@@ -109,6 +113,7 @@ impl ListedIdentity {
             state: person.state.into(),
             enrolled_unprotected: Some(person.unprotected),
             enrolled_by: Some(person.enrolled_by.clone()),
+            confirmed_by: person.confirmed_by.clone(),
             revoked_by: person.revoked_by.clone(),
             ..Self::of(&person.info(), None)
         }
@@ -158,10 +163,24 @@ pub(super) fn list(context: &CliContext, out: &mut Output<'_>) -> Result<Exit, C
         if rows.is_empty() {
             return out.line(&format!("no identities in {}", folder.display()));
         }
-        let mut table = Table::new(&["name", "role", "state", "protection", "enrolled by", "public key"]);
+        let mut table =
+            Table::new(&["name", "role", "state", "protection", "enrolled by", "confirmed by", "public key"]);
         for row in &rows {
             let by = row.enrolled_by.as_deref().unwrap_or("-");
-            table.row([&row.name, &row.role, row.state.name(), row.protection(), by, &row.public_key]);
+            let confirmed = match (&row.confirmed_by, row.state) {
+                (Some(by), _) => by,
+                (None, EnrolmentStanding::Enrolled) => "nobody",
+                (None, EnrolmentStanding::Revoked | EnrolmentStanding::NotEnrolled) => "-",
+            };
+            table.row([
+                &row.name,
+                &row.role,
+                row.state.name(),
+                row.protection(),
+                by,
+                confirmed,
+                &row.public_key,
+            ]);
         }
         out.table(&table)
     })?;

@@ -291,6 +291,7 @@ impl History {
             | RecordKind::ApprovalPut
             | RecordKind::ApprovalConsumed
             | RecordKind::PersonEnrolled
+            | RecordKind::PersonConfirmed
             | RecordKind::PersonRevoked
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer

@@ -1,7 +1,7 @@
 //! Who is enrolled: the acts of administrators, and what becomes of open questions by them.
 
 use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{Identity, PersonActKind, SignedPersonAct};
+use holdpoint_approvals::{Identity, PersonAct, PersonActKind, Persons, SignedPersonAct};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_registry::Change;
 use holdpoint_text::Hint;
@@ -30,11 +30,20 @@ pub(crate) fn carry_out(
     match act.act {
         PersonActKind::Enrol => {
             let strict = context.needs_approval() && !record.clock().is_scripted();
-            if strict && let Some(refused) = unprotected(context, record, &act.by) {
+            if (strict || act.guarded)
+                && let Some(refused) = unprotected(context, record, &act)
+            {
                 return Ok(refused);
             }
             record.write(vec![Change::EnrolPerson(Box::new(signed))], Vec::new())?;
             accepted(format!("{} is enrolled as {} by {}", act.name, act.role, act.by))
+        }
+        PersonActKind::Confirm => {
+            if let Some(refused) = unprotected(context, record, &act) {
+                return Ok(refused);
+            }
+            record.write(vec![Change::ConfirmPerson(Box::new(signed))], Vec::new())?;
+            accepted(format!("{} is confirmed by {}", act.name, act.by))
         }
         // Whatever the key that signs: to take somebody's say away is never made harder.
         PersonActKind::Revoke => {
@@ -51,17 +60,22 @@ pub(crate) fn carry_out(
     }
 }
 
-/// A refusal if who can read a file can sign as this person, where people decide.
-fn unprotected(context: &Context, record: &Record, name: &str) -> Option<Reply> {
+/// A refusal if an act says that its key was guarded, or has to be, and who can read a file can sign as this person.
+fn unprotected(context: &Context, record: &Record, act: &PersonAct) -> Option<Reply> {
     let folder = record.ledger().store().layout().identities();
-    let profile = context.profile.name.name();
+    let name = &act.by;
     match Identity::protection(&folder, name) {
         Ok(Protection::Passphrase | Protection::Elsewhere) => None,
         Ok(Protection::None) => Some(Reply::Refused {
             code: Refusal::NotAllowed,
-            text: format!(
-                "the key of {name} has no passphrase, and under the profile {profile} none such enrols people"
-            ),
+            text: if act.guarded {
+                format!("the key of {name} has no passphrase, although the act says that it was protected")
+            } else {
+                let profile = context.profile.name.name();
+                format!(
+                    "the key of {name} has no passphrase, and under the profile {profile} none such enrols people"
+                )
+            },
             hint: Some(format!("`holdpoint identity passphrase {name}` sets one and keeps the key")),
         }),
         Err(error) => Some(Reply::Refused {
@@ -72,7 +86,35 @@ fn unprotected(context: &Context, record: &Record, name: &str) -> Option<Reply> 
     }
 }
 
-/// Somebody with a fresh key whom the store's first administrator enrolled.
+/// A refusal if nobody vouches for a person, where people decide: their enrolment rests on a key that lay open.
+/// Of decisions that nobody made in a script.
+pub(crate) fn unconfirmed(context: &Context, persons: &Persons, name: &str) -> Option<Reply> {
+    let confirmed = |person: &holdpoint_approvals::Person| person.confirmed_by.is_some();
+    if !context.needs_approval() || persons.named(name).is_some_and(confirmed) {
+        return None;
+    }
+    let profile = context.profile.name.name();
+    let by = persons.named(name).map_or("nobody", |person| person.enrolled_by.as_str());
+    let hint = match persons.confirmer() {
+        Some(admin) => format!(
+            "`holdpoint identity confirm {name} --by {} --reason TEXT` confirms them, once that key is protected",
+            admin.name
+        ),
+        None => {
+            "nobody is left in this store who could confirm them; see the guide on who is somebody".to_owned()
+        }
+    };
+    Some(Reply::Refused {
+        code: Refusal::NotAllowed,
+        text: format!(
+            "{name} is enrolled by {by} with a key that others could have used, and not confirmed: the profile \
+             {profile} counts nothing that they let go on"
+        ),
+        hint: Some(hint),
+    })
+}
+
+/// Somebody with a fresh key whom the store's first administrator enrolled, and who is confirmed by it.
 #[cfg(test)]
 pub(crate) fn enrolled(
     record: &mut Record,
@@ -83,8 +125,19 @@ pub(crate) fn enrolled(
     let folder = record.ledger().store().layout().identities();
     let who = Identity::create_kept(&folder, name, role, keep).unwrap();
     let persons = record.ledger().store().persons().unwrap();
-    let admin = persons.unasked(&folder).unwrap();
+    let admin = guarded(&folder, &persons.unasked(&folder).unwrap());
     let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
     record.write(vec![Change::EnrolPerson(Box::new(act))], Vec::new()).unwrap();
     who
+}
+
+/// An administrator as they sign once their key has a passphrase; its file stays without one.
+#[cfg(test)]
+pub(crate) fn guarded(folder: &std::path::Path, admin: &Identity) -> Identity {
+    use holdpoint_approvals::keyfile::Keep;
+    let words = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
+    admin.keep(folder, Keep::Sealed(&words, holdpoint_approvals::Cost::LEAST)).unwrap();
+    let guarded = Identity::open(folder, &admin.info().name).unwrap().unlock(Some(&words)).unwrap();
+    admin.keep(folder, Keep::Plain).unwrap();
+    guarded
 }

@@ -14,6 +14,7 @@ use holdpoint_protocol::command::{Authority, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::SigningView;
 use holdpoint_text::Hint;
 
+use super::persons::unconfirmed;
 use super::signers::person;
 use crate::context::Context;
 use crate::fault::Fault;
@@ -104,10 +105,11 @@ impl SignedCalls {
         seal: &SignedCall,
     ) -> Result<Signer, Reply> {
         let claim = seal.claim();
-        let identity = match record.ledger().store().persons() {
-            Ok(persons) => person(&persons, &claim.who)?,
+        let persons = match record.ledger().store().persons() {
+            Ok(persons) => persons,
             Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
         };
+        let identity = person(&persons, &claim.who)?;
         if let Err(error) = seal.verify(&identity) {
             return Err(Reply::refused(Refusal::NotAllowed, &error));
         }
@@ -145,6 +147,9 @@ impl SignedCalls {
             return refuse(Refusal::NotAllowed, text, Some(hint.to_owned()));
         }
         protected(context, record, name)?;
+        if let Some(refused) = unconfirmed(context, &persons, name) {
+            return Err(refused);
+        }
         Ok(Signer { name: name.clone(), role: identity.role, seal: Box::new(seal.clone()) })
     }
 }

@@ -9,6 +9,7 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_registry::AuditBody;
 use holdpoint_text::{Hint, is_visible};
 
+use super::persons::unconfirmed;
 use crate::context::Context;
 use crate::fault::Fault;
 use crate::record::Record;
@@ -35,10 +36,11 @@ pub(crate) fn signer(
         return refuse(Refusal::BadInput, text, None);
     }
     let folder = record.ledger().store().layout().identities();
-    let identity = match record.ledger().store().persons() {
-        Ok(persons) => person(&persons, &signed.approval().who)?,
+    let persons = match record.ledger().store().persons() {
+        Ok(persons) => persons,
         Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
     };
+    let identity = person(&persons, &signed.approval().who)?;
     if let Err(error) = signed.verify(&identity) {
         return refuse(Refusal::NotAllowed, error.to_string(), None);
     }
@@ -64,6 +66,9 @@ pub(crate) fn signer(
                 let hint = error.hint().map(std::borrow::Cow::into_owned);
                 return refuse(Refusal::NotAllowed, error.to_string(), hint);
             }
+        }
+        if let Some(refused) = unconfirmed(context, &persons, &identity.name) {
+            return Err(refused);
         }
     }
     Ok(identity)

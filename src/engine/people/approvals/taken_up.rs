@@ -1,13 +1,14 @@
 //! A question that was open when the engine ended, taken up as it was.
 
 use holdpoint_approvals::PersonState;
-use holdpoint_governance::approval::{ApprovalOutcome, SignatureCheck, Vote};
+use holdpoint_governance::approval::{Answer, ApprovalOutcome, SignatureCheck, Vote};
 use holdpoint_governance::ids::CapabilityId;
 
 use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms, secs_to_ms};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
+use crate::people::persons::unconfirmed;
 use crate::record::Record;
 
 impl Approvals {
@@ -69,8 +70,13 @@ impl Approvals {
                 && said.policy_digest == context.digest
                 && said.profile == context.profile.name
                 && entry.at_ms >= asked_ms;
-            // Who may no longer decide has not decided.
-            let who = persons.named(&said.who).filter(|who| same && who.state == PersonState::Enrolled);
+            // Who may no longer decide has not decided, nor has whom nobody vouches for.
+            let counts = |who: &&holdpoint_approvals::Person| {
+                let lets_in = said.decision == Answer::Approve && !record.clock().is_scripted();
+                same && who.state == PersonState::Enrolled
+                    && !(lets_in && unconfirmed(context, &persons, &who.name).is_some())
+            };
+            let who = persons.named(&said.who).filter(counts);
             let Some(who) = who.map(holdpoint_approvals::Person::info) else { continue };
             if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() {
                 continue;

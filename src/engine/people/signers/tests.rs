@@ -11,7 +11,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
 
 use super::*;
-use crate::people::persons::enrolled;
+use crate::people::persons::{enrolled, guarded};
 use crate::stages::activation::tests::{asked, package};
 use crate::stages::rollback::tests::Bench;
 
@@ -302,4 +302,46 @@ fn only_administrators_enrol() {
     }));
     refused(&act(&mut bench, by(&ben, &admin)), &["admin\" is not enrolled"]);
     done(&act(&mut bench, by(&ben, &second)));
+}
+
+/// Enrolled by an open key where nobody is kept from the arm, a person decided where people are.
+#[test]
+fn whom_an_open_key_enrolled_lets_nothing_in_where_people_decide() {
+    let (mut bench, folder) = waiting(ProfileName::Human, true);
+    let admin = administrator(&bench, &folder);
+    let ann =
+        Identity::create_kept(&folder, "ann", Role::Safety, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    done(&act(&mut bench, by(&ann, &admin)));
+    let now_ms = bench.pipeline.record().now_ms();
+    bench.pipeline.live().record.set_clock(Clock::real(now_ms));
+    let said = ["ann is enrolled by admin", "not confirmed", "`holdpoint identity confirm ann --by admin"];
+    refused(&approve(&mut bench, &ann, Some("all of it")), &said);
+    // An act that says it was guarded is held against the file, under every profile.
+    let admin = guarded(&folder, &admin);
+    let confirm =
+        |persons: &Persons| persons.confirmation(persons.named("ann").unwrap(), &admin, "a test").unwrap();
+    refused(&act(&mut bench, confirm), &["the key of admin has no passphrase, although the act says"]);
+    admin.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
+    let reply = act(&mut bench, confirm);
+    assert!(
+        matches!(&reply, Reply::Accepted { text, .. } if text == "ann is confirmed by admin"),
+        "{reply:?}"
+    );
+    done(&approve(&mut bench, &ann, Some("all of it")));
+}
+
+/// What such a person answers to stop something is taken, and where no person is asked it counts.
+#[test]
+fn whom_an_open_key_enrolled_refuses_and_decides_in_scripts() {
+    for (scripted, answer) in [(true, Answer::Approve), (false, Answer::Reject)] {
+        let (mut bench, folder) = waiting(ProfileName::Human, true);
+        let admin = administrator(&bench, &folder);
+        let ann = Identity::create(&folder, "ann", Role::Safety).unwrap();
+        done(&act(&mut bench, by(&ann, &admin)));
+        if !scripted {
+            let now_ms = bench.pipeline.record().now_ms();
+            bench.pipeline.live().record.set_clock(Clock::real(now_ms));
+        }
+        done(&say(&mut bench, &ann, answer, None));
+    }
 }

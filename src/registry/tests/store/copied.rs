@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use holdpoint_approvals::Identity;
+use holdpoint_approvals::{Identity, SignedWitnessAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{
     BackupError, BackupParts, Exporting, LeftOut, RecordingOnRecord, Store, UnsignedRecords, VerifyError,
-    Views, backup, check_store, export_store, is_exported, rebuild, store_info, verify, verify_copy,
-    verify_export,
+    Views, add_witness, backup, check_store, export_store, is_exported, rebuild, store_info, verify,
+    verify_copy, verify_export,
 };
 
 use crate::damage::rewrite;
@@ -236,6 +236,81 @@ fn what_is_no_file_of_a_database_is_named() {
 }
 
 #[test]
+fn a_quick_look_finds_every_key_file_that_is_not_as_it_has_to_be() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = quick_folder();
+    made(folder.path());
+    let keys = folder.path().join("keys");
+    let of = |name: &str| keys.join("identities").join(name);
+    type Damage<'a> = Box<dyn Fn() + 'a>;
+    let empty = |path: PathBuf| Box::new(move || fs::write(&path, "").unwrap()) as Damage<'_>;
+    let gone = |path: PathBuf| Box::new(move || fs::remove_file(&path).unwrap()) as Damage<'_>;
+    let mode = |path: PathBuf, mode: u32| {
+        Box::new(move || fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap()) as Damage<'_>
+    };
+    let link = |path: PathBuf| {
+        Box::new(move || {
+            fs::remove_file(&path).unwrap();
+            symlink("/dev/zero", &path).unwrap();
+        }) as Damage<'_>
+    };
+    let copied = |from: PathBuf, to: PathBuf| {
+        Box::new(move || assert!(fs::copy(&from, &to).unwrap() > 0)) as Damage<'_>
+    };
+    let cases: Vec<(&str, Damage<'_>, &[&str])> = vec![
+        ("no store.key", gone(keys.join("store.key")), &["store.key", "put it back from a backup"]),
+        ("empty store.key", empty(keys.join("store.key")), &["store.key", "is not a key"]),
+        ("link", link(keys.join("store.key")), &["store.key", "is a link", "put it back"]),
+        ("open store.key", mode(keys.join("store.key"), 0o640), &["mode 0640", "chmod 600"]),
+        ("empty store.pub", empty(keys.join("store.pub")), &["store.pub", "public key cannot be"]),
+        ("another's store.pub", copied(of("ada.pub"), keys.join("store.pub")), &["does not belong to"]),
+        ("open folder", mode(keys.join("identities"), 0o770), &["identities", "chmod 700"]),
+        ("no ada.pub", gone(of("ada.pub")), &["public key of ada cannot be used", "ada.pub"]),
+        ("empty ada.key", empty(of("ada.key")), &["The key of ada", "ada.key"]),
+        ("link ada.key", link(of("ada.key")), &["ada.key", "is a link", "its place"]),
+        ("open ada.key", mode(of("ada.key"), 0o604), &["ada.key", "mode 0604", "chmod 600"]),
+        (
+            "other ada.pub",
+            copied(of("ben.pub"), of("ada.pub")),
+            &["is not the key that ada is enrolled with"],
+        ),
+        ("two halves", copied(of("ben.key"), of("ada.key")), &["ada.pub", "do not belong together"]),
+        ("nobody's", copied(of("ben.pub"), of("eve.pub")), &["eve.pub", "identity enrol eve --by admin"]),
+        ("left over", copied(of("ben.key"), of("ben.key.new")), &["ben.key.new", "remove it"]),
+    ];
+    for (name, damage, expected) in cases {
+        let kept = quick_folder();
+        let saved = kept.path().join("keys");
+        copy_keys(&keys, &saved);
+        assert!(check_store(folder.path()).unwrap().iter().all(|looked| looked.good), "before {name}");
+        damage();
+        let found = check_store(folder.path()).unwrap();
+        let bad: Vec<_> = found.into_iter().filter(|looked| !looked.good).map(|looked| looked.text).collect();
+        let all = bad.join("\n");
+        for part in expected {
+            assert!(all.contains(part), "{name}: {part:?} is not in {all}");
+        }
+        fs::set_permissions(keys.join("identities"), fs::Permissions::from_mode(0o700)).unwrap();
+        fs::remove_dir_all(&keys).unwrap();
+        copy_keys(&saved, &keys);
+    }
+}
+
+/// A folder of keys with its modes.
+fn copy_keys(from: &Path, to: &Path) {
+    fs::create_dir(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let to = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copy_keys(&path, &to);
+        } else {
+            fs::copy(&path, &to).unwrap();
+        }
+    }
+}
+
+#[test]
 fn a_quick_look_finds_what_is_plain_to_see() {
     let folder = quick_folder();
     made(folder.path());
@@ -329,10 +404,21 @@ fn both(file: &Path) -> Result<(), String> {
     }
 }
 
+/// An administrator confirms somebody, and answers for a witness.
+fn vouched(folder: &Path, witness: &Path) {
+    let store = open(folder);
+    confirm(&store, "ada");
+    let (place, head) = (witness.display().to_string(), store.views().unwrap().head().unwrap());
+    let end = (store.store_id(), head.hash);
+    let act = SignedWitnessAct::by(&administrator(&store), (&place, true), end, "a test").unwrap();
+    add_witness(&store, &place, ("{}".to_owned(), Some(Box::new(act))), 7).unwrap();
+}
+
 /// Stores with approvals, of an earlier version, and rebuilt with a gap.
 fn stores(root: &Path) -> Vec<PathBuf> {
     let plain = root.join("plain");
     made(&plain);
+    vouched(&plain, root);
     let released = schema_1(root);
     let store = open(&released);
     store.commit(transaction("one more", store.opening().head.at_ms, Vec::new())).unwrap();
@@ -455,6 +541,7 @@ fn persons_and_who_approved_are_judged_by_both() {
     };
     let of =
         |name: &str| format!("SELECT seq FROM audit WHERE kind = 'person-enrolled' AND subject = '{name}'");
+    let of_kind = |kind: &str| format!("SELECT seq FROM audit WHERE kind = '{kind}'");
     let put = "SELECT min(seq) FROM audit WHERE kind = 'approval-put'";
     for (what, edit, expected) in [
         ("a reason", body("a test", "no test", &of("ada")), "the person \"ada\" is bad"),
@@ -464,6 +551,19 @@ fn persons_and_who_approved_are_judged_by_both() {
             "the person \"ada\" is bad",
         ),
         ("a signer", body("\"by\":\"admin\"", "\"by\":\"ada\"", &of("ada")), "the person \"ada\" is bad"),
+        (
+            "a confirmation",
+            body("\"guarded\":true", "\"guarded\":false", &of_kind("person-confirmed")),
+            "the person \"ada\" is bad",
+        ),
+        ("who confirmed", body("admin", "ada", &of_kind("person-confirmed")), "the person"),
+        ("a witness", body("a test", "no test", &of_kind("witness-set")), "the person \"admin\" is bad"),
+        ("whose witness", body("admin", "ada", &of_kind("witness-set")), "the person \"ada\" is bad"),
+        (
+            "which witness",
+            body("\"present\":true", "\"present\":false", &of_kind("witness-set")),
+            "the person",
+        ),
         ("an unknown giver", body("\"who\":\"ada\"", "\"who\":\"zoe\"", put), "was not enrolled then"),
         (
             "left out",
@@ -473,6 +573,7 @@ fn persons_and_who_approved_are_judged_by_both() {
     ] {
         let store = root.path().join(what);
         made(&store);
+        vouched(&store, root.path());
         rewrite(&store, &edit);
         export_store(
             &store.join("holdpoint.db"),

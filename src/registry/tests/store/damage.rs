@@ -38,7 +38,8 @@ const UNLOCK: &str =
     "DROP TRIGGER audit_no_delete; DROP TRIGGER audit_no_update; DROP TRIGGER audit_in_order;
     DROP TRIGGER version_kept; DROP TRIGGER version_identity; DROP TRIGGER version_terminal;
     DROP TRIGGER approval_once; DROP TRIGGER approval_kept;
-    DROP TRIGGER person_kept; DROP TRIGGER person_identity; DROP TRIGGER person_revoked; PRAGMA foreign_keys = OFF;";
+    DROP TRIGGER person_kept; DROP TRIGGER person_identity; DROP TRIGGER person_revoked;
+    DROP TRIGGER IF EXISTS person_confirmed; PRAGMA foreign_keys = OFF;";
 
 /// Edits the chain, then makes hashes and head right again: what someone who can write the file could do.
 pub fn rewrite(folder: &Path, edit: &str) {

@@ -143,3 +143,62 @@ fn persons_are_made_anew_from_the_chain() {
     let store = open(folder.path());
     assert_eq!(store.persons().unwrap().all().cloned().collect::<Vec<_>>(), before);
 }
+
+#[test]
+fn a_confirmation_is_kept_checked_and_made_anew_from_the_chain() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = begun(folder.path());
+    person(&store, "ada");
+    person(&store, "ben");
+    let report = || verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
+    assert_eq!((report().persons, report().confirmed), (3, 1));
+    // By a key that lay open, and handed in as something else.
+    let persons = store.persons().unwrap();
+    let (ada, root) = (persons.named("ada").unwrap(), administrator(&store));
+    let open_key = persons.confirmation(ada, &root, "a test").unwrap();
+    refused(&store, Change::ConfirmPerson(Box::new(open_key)), "had no passphrase when it signed");
+    let guarded = persons.confirmation(ada, &guarded_administrator(&store), "a test").unwrap();
+    refused(&store, Change::RevokePerson(Box::new(guarded.clone())), "not what it is handed in as");
+    confirm(&store, "ada");
+    refused(&store, Change::ConfirmPerson(Box::new(guarded)), "does not follow");
+    assert_eq!((report().persons, report().confirmed), (3, 2));
+    // Revoked persons and later acts keep their order.
+    commit(&store, "revoke", vec![Change::RevokePerson(Box::new(revocation(&store, "ada", &root)))]).unwrap();
+    confirm(&store, "ben");
+    let before: Vec<_> = store.persons().unwrap().all().cloned().collect();
+    drop(store);
+    // Laid upon ben by hand: the chain says otherwise, and makes it anew.
+    let database = folder.path().join("holdpoint.db");
+    let edit = rusqlite::Connection::open(&database).unwrap();
+    let by_hand = "DROP TRIGGER person_confirmed; UPDATE person SET confirmed_seq = NULL, confirmed = NULL WHERE name = 'ben'";
+    edit.execute_batch(by_hand).unwrap();
+    drop(edit);
+    let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
+    assert!(error.contains("the person \"ben\" does not match the audit chain"), "{error}");
+    unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, "{}", 0)).unwrap();
+    assert_eq!(open(folder.path()).persons().unwrap().all().cloned().collect::<Vec<_>>(), before);
+}
+
+/// Schema 3 knew no confirmations: its persons are read as they are, and nobody but the first administrator is confirmed.
+#[test]
+fn schema_3_is_read_and_migrated_with_nobody_confirmed() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = begun(folder.path());
+    person(&store, "ada");
+    drop(store);
+    let database = folder.path().join("holdpoint.db");
+    let older = rusqlite::Connection::open(&database).unwrap();
+    older
+        .execute_batch(
+            "DROP TRIGGER person_confirmed; ALTER TABLE person DROP COLUMN confirmed;
+             ALTER TABLE person DROP COLUMN confirmed_seq; PRAGMA user_version = 3",
+        )
+        .unwrap();
+    drop(older);
+    let persons = holdpoint_registry::Views::open(&database).unwrap().persons().unwrap();
+    assert_eq!((persons.all().count(), persons.confirmed().count()), (2, 1));
+    let store = open(folder.path());
+    confirm(&store, "ada");
+    let report = verify(&database, Some(store.public_key())).unwrap();
+    assert_eq!((report.persons, report.confirmed), (2, 2));
+}

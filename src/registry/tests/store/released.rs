@@ -54,7 +54,7 @@ fn schema_1_is_read_as_it_is_and_migrated_by_its_first_writer() {
     // The rows are those their records speak of; what comes after names its robot.
     assert_eq!(verify(&database, None).unwrap(), before);
     drop(opened);
-    assert_eq!(schema(&database), 3);
+    assert_eq!(schema(&database), 4);
     drop(open(&store));
     assert_eq!(verify(&database, None).unwrap(), before);
 }
@@ -78,7 +78,7 @@ fn schema_2_gets_its_first_administrator_and_trusts_nobody_else() {
     let names: Vec<_> = opened.persons().unwrap().all().map(|person| person.name.clone()).collect();
     assert_eq!(names, ["admin"]);
     drop(opened);
-    assert_eq!(schema(&database), 3);
+    assert_eq!(schema(&database), 4);
     let after = verify(&database, None).unwrap();
     assert_eq!((after.records, after.persons), (before.records + 1, 1));
 }

@@ -246,3 +246,24 @@ pub fn unless_in_use<T>(mut work: impl FnMut() -> Result<T, StoreError>) -> Resu
         }
     }
 }
+
+/// The store's first administrator with the same key, as it signs once it has a passphrase.
+pub fn guarded_administrator(store: &Store) -> Identity {
+    use holdpoint_approvals::keyfile::Keep;
+    let (folder, plain) = (store.layout().identities(), administrator(store));
+    let words = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
+    plain.keep(&folder, Keep::Sealed(&words, holdpoint_approvals::Cost::LEAST)).unwrap();
+    let guarded = Identity::open(&folder, &plain.info().name).unwrap().unlock(Some(&words)).unwrap();
+    plain.keep(&folder, Keep::Plain).unwrap();
+    guarded
+}
+
+/// Has somebody confirmed by the store's first administrator.
+pub fn confirm(store: &Store, name: &str) {
+    let persons = store.persons().unwrap();
+    let by = guarded_administrator(store);
+    let act = persons.confirmation(persons.named(name).unwrap(), &by, "a test").unwrap();
+    let command = format!("confirm {}", act.act().nonce);
+    let at_ms = store.views().unwrap().head().unwrap().at_ms;
+    store.commit(transaction(&command, at_ms, vec![Change::about_person(act)])).unwrap();
+}

@@ -167,7 +167,7 @@ fn witnessed(folder: &Path) -> (tempfile::TempDir, String) {
     let witness = quick_folder();
     let name = witness.path().display().to_string();
     let store = open(folder);
-    add_witness(&store, &name, BY.to_owned(), 7).unwrap();
+    add_witness(&store, &name, (BY.to_owned(), None), 7).unwrap();
     (witness, name)
 }
 
@@ -327,7 +327,7 @@ fn witnesses_are_on_record_and_nowhere_else() {
     let (witness, name) = witnessed(folder.path());
     assert_eq!(witnesses(&database).unwrap(), [name.clone()].into());
     let store = open(folder.path());
-    let add = |folder: &str| add_witness(&store, folder, BY.to_owned(), 7);
+    let add = |folder: &str| add_witness(&store, folder, (BY.to_owned(), None), 7);
     assert!(matches!(add(&name), Err(StoreError::Exists { .. })));
     for address in ["https://example.org/w", "ssh://host/w", "ada@host:/w"] {
         let said = add(address).unwrap_err().to_string();
@@ -337,7 +337,7 @@ fn witnesses_are_on_record_and_nowhere_else() {
         assert!(matches!(add(bad), Err(StoreError::Invalid { .. })), "{bad}");
     }
     assert!(matches!(
-        remove_witness(&store, "/not/there", BY.to_owned(), 7),
+        remove_witness(&store, "/not/there", (BY.to_owned(), None), 7),
         Err(StoreError::NotFound { .. })
     ));
     let more: Vec<_> = (1..=WITNESSES_MAX).map(|_| quick_folder()).collect();
@@ -345,7 +345,7 @@ fn witnesses_are_on_record_and_nowhere_else() {
         let added = add(&another.path().display().to_string());
         assert_eq!(added.is_ok(), nth + 1 < WITNESSES_MAX, "{nth}: {added:?}");
     }
-    remove_witness(&store, &name, BY.to_owned(), 7).unwrap();
+    remove_witness(&store, &name, (BY.to_owned(), None), 7).unwrap();
     assert_eq!(witnesses(&database).unwrap().len(), WITNESSES_MAX - 1);
     let removed_at = store.views().unwrap().head().unwrap().seq;
     checkpointed(&store, store.opening().head.at_ms + 1);
@@ -455,4 +455,53 @@ fn a_stray_file_does_not_silence_a_witness() {
     let error = verify(&folder.path().join("holdpoint.db"), None).unwrap_err();
     assert!(matches!(&error, VerifyError::Copy { problem, .. } if problem.contains("cut off")), "{error}");
     assert!(unless_in_use(|| Store::open(folder.path())).is_err());
+}
+
+/// Who could write the store could take its witnesses away unseen where robots and people rely on it.
+#[test]
+fn an_administrator_signs_which_witnesses_there_are() {
+    use holdpoint_approvals::{Identity, SignedWitnessAct};
+    use holdpoint_governance::profile::ProfileName;
+    let (folder, place) = (quick_folder(), quick_folder());
+    made(folder.path());
+    let store = open(folder.path());
+    let name = place.path().display().to_string();
+    let head = || store.views().unwrap().head().unwrap();
+    let word = |who: &Identity, present: bool, after| {
+        let act = SignedWitnessAct::by(who, (&name, present), (store.store_id(), after), "a test").unwrap();
+        (BY.to_owned(), Some(Box::new(act)))
+    };
+    let admin = administrator(&store);
+    let ada = Identity::load(&store.layout().identities(), "ada").unwrap();
+    commit(&store, "real", vec![context(ProfileName::Real)]).unwrap();
+    let add = |by| add_witness(&store, &name, by, 7).map_err(|error| error.to_string());
+    let refused = |by, said: &str| {
+        let before = head();
+        let error = add(by).unwrap_err();
+        assert!(error.contains(said), "{error}");
+        assert_eq!(head(), before, "nothing was written");
+    };
+    refused((BY.to_owned(), None), "an administrator signs it under the profile real");
+    refused(word(&ada, true, head().hash), "only an administrator");
+    refused(word(&admin, false, head().hash), "does not follow");
+    let early = word(&admin, true, head().hash);
+    commit(&store, "another", vec![context(ProfileName::Real)]).unwrap();
+    refused(early, "does not follow");
+    add(word(&admin, true, head().hash)).unwrap();
+    remove_witness(&store, &name, word(&admin, false, head().hash), 7).unwrap();
+    // Where people decide, a key that others could have used does not do.
+    commit(&store, "human", vec![context(ProfileName::Human)]).unwrap();
+    refused(word(&admin, true, head().hash), "had no passphrase when it signed");
+    add(word(&guarded_administrator(&store), true, head().hash)).unwrap();
+    let report = verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
+    assert_eq!(report.witnesses_silent, Vec::<String>::new());
+    // Who signed is in the chain, and of another hand the chain speaks.
+    let database = folder.path().join("holdpoint.db");
+    drop(store);
+    let connection = rusqlite::Connection::open(&database).unwrap();
+    let sql = "SELECT body FROM audit WHERE kind = 'witness-set' ORDER BY seq DESC LIMIT 1";
+    let body: String = connection.query_row(sql, [], |row| row.get(0)).unwrap();
+    let body: serde_json::Value = serde_json::from_str(&body).unwrap();
+    assert_eq!(body["change"]["act"]["act"]["by"], "admin");
+    assert_eq!(body["change"]["act"]["act"]["guarded"], true);
 }
