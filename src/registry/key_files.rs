@@ -180,7 +180,7 @@ fn otherwise(person: &Person, known: Option<&ed25519_dalek::VerifyingKey>, publi
 }
 
 /// An error with what to do.
-fn sentence(error: &(impl Hint)) -> String {
+fn sentence(error: &impl Hint) -> String {
     match error.hint() {
         Some(hint) => format!("{error}; {hint}"),
         None => error.to_string(),
