@@ -63,10 +63,15 @@ fn take_in_telemetry(record: &mut Record) -> Result<(), Fault> {
     }
     let text = match aside.last() {
         // The newest: the record names all.
-        Some(SetAside { file, problem }) => format!(
-            "telemetry.db was put aside and is kept as {file}; the new one has every sealed batch but {missing}, and what \
-             these held is in no metric; why: {problem}"
-        ),
+        Some(SetAside { file, problem }) => {
+            let lacks = match missing {
+                0 => "every sealed batch".to_owned(),
+                lost => format!("every sealed batch but {lost}, and what these held is in no metric"),
+            };
+            format!(
+                "telemetry.db was put aside and is kept as {file}; the new one has {lacks}; why: {problem}"
+            )
+        }
         None if missing > 0 => format!(
             "{missing} sealed batches of telemetry are not in the store's telemetry.db any more, and no record says why: \
              somebody removed them or the file, or the disk lost it; what they held is in no metric; if there is a copy \

@@ -102,6 +102,16 @@ fn one_changed_byte_is_found_before_it_is_opened() {
     let (code, text) = holdpoint(root.path(), &["recordings", "list"]);
     assert!(code == Some(0) && text.contains("place@1.1.0  rolled-back"), "{text}");
     assert_eq!(holdpoint(root.path(), &["replay", "place@1.1.0", "--plain"]).0, Some(0));
+    let elsewhere = tempfile::tempdir().unwrap();
+    let copied = |name: &str| {
+        let to = elsewhere.path().join(name);
+        holdpoint(root.path(), &["store", "backup", to.to_str().unwrap(), "--with-recordings"])
+    };
+    let (code, text) = copied("good");
+    assert!(code == Some(0) && text.contains("with 1 recording, each as recorded"), "{text}");
+    let all = ["audit", "verify", "--all"];
+    let (code, text) = holdpoint(&elsewhere.path().join("good"), &all);
+    assert!(code == Some(0) && text.contains("recordings         1"), "{text}");
     let mut bytes = std::fs::read(&path).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
@@ -112,4 +122,14 @@ fn one_changed_byte_is_found_before_it_is_opened() {
         let (code, text) = holdpoint(root.path(), &["replay", "place@1.1.0", form]);
         assert!(code == Some(1) && text.contains("does not match what was recorded at closure"), "{text}");
     }
+    let (code, text) = copied("edited");
+    assert!(code == Some(1) && text.contains("LEFT OUT") && text.contains("another SHA-256"), "{text}");
+    // To read it to its end would take hours.
+    std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
+    for words in [&["recordings", "verify"][..], &all, &["replay", "place@1.1.0", "--plain"]] {
+        let (code, text) = holdpoint(root.path(), words);
+        assert!(code == Some(1) && text.contains("it has 1099511627776 bytes"), "{words:?}: {text}");
+    }
+    let (code, text) = copied("stretched");
+    assert!(code == Some(1) && text.contains("another size"), "{text}");
 }

@@ -92,7 +92,7 @@ fn other_files_are_refused_and_left_alone() {
                 fs::remove_file(db).unwrap();
                 fs::create_dir(db).unwrap();
             },
-            "not a file",
+            "it is a folder",
         ),
         (
             "a link",

@@ -187,9 +187,8 @@ fn a_store_that_was_put_back_is_refused_by_its_witness() {
     assert_eq!(Checkpoint::read(&sent).unwrap(), newest);
     verify(&folder.path().join("holdpoint.db"), None).unwrap();
     // A copy of before is sound, and older than what the witness has.
-    let alone = before.path().join("alone.db");
-    backup(before.path(), &alone, BackupParts::default()).unwrap();
-    fs::remove_file(alone).unwrap();
+    let elsewhere = quick_folder();
+    backup(before.path(), &elsewhere.path().join("alone.db"), BackupParts::default()).unwrap();
     put_back(folder.path(), before.path());
     let refused = || unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
     let error = refused();
