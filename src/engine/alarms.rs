@@ -130,7 +130,10 @@ impl Record {
     /// stays until somebody resets it. `works`: the last live sequence was done.
     fn is_over(&self, key: &AlarmKey, monitors: &Monitors, works: bool) -> bool {
         match key {
-            AlarmKey::RolledBack(_) | AlarmKey::KeptFalse | AlarmKey::TelemetryMissed => true,
+            AlarmKey::RolledBack(_)
+            | AlarmKey::Shifted(_)
+            | AlarmKey::KeptFalse
+            | AlarmKey::TelemetryMissed => true,
             AlarmKey::Escalated(version) => {
                 monitors.of(version).is_none_or(|watched| watched.monitor.escalation().is_none())
             }

@@ -235,6 +235,7 @@ pub mod recovery;
 pub mod rollback;
 pub mod search;
 pub mod senses;
+pub mod shift;
 pub mod stats;
 pub mod strictness;
 pub mod submission;

@@ -11,6 +11,7 @@ mod multiple;
 mod paired;
 pub mod population;
 mod proportion;
+pub mod smirnov;
 mod special;
 pub mod spot_check;
 mod wilcoxon;

@@ -1,6 +1,7 @@
 //! Versions whose own work is as good as before and whose handover is not: what pairs of their own say, and what
 //! whole sequences add. The expectations were written down before the run over five seeds; the cases were looked for on
-//! another seed, because baselines measure what they are handed and make up for most of it.
+//! another seed, because baselines measure what they are handed and make up for most of it. Of 70, 66 came out as expected:
+//! under one of the five seeds all four bad ones were doubted and not rejected.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,11 +20,12 @@ use holdpoint_governance::behavior::{
     self, BehaviorAssessment, SequenceComparison, SequenceEvidence, SequencePair, SequenceStep,
 };
 use holdpoint_governance::decision::ReasonCode;
-use holdpoint_governance::evidence::{Binding, Pair, PairedEvidence};
+use holdpoint_governance::evidence::{Binding, Pair, PairedEvidence, ShadowSequence};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::shift::shifted;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
@@ -81,10 +83,20 @@ impl Bench {
     }
 
     fn episodes(&self, version: &Capability, run: u64, pairs: u64) -> Vec<TaskRecord> {
-        let seeds = (0..pairs).map(|index| episode_seed(run, Purpose::Perturbation, index));
+        self.episodes_in(version, Conditions::Sandbox, (run, Purpose::Perturbation), pairs)
+    }
+
+    fn episodes_in(
+        &self,
+        version: &Capability,
+        conditions: Conditions,
+        (run, purpose): (u64, Purpose),
+        pairs: u64,
+    ) -> Vec<TaskRecord> {
+        let seeds = (0..pairs).map(|index| episode_seed(run, purpose, index));
         let (crew, cancel) = (Crew::new(2), AtomicBool::new(false));
         let terms = self.party(version).terms;
-        batch(&crew, &cancel, &self.cell, (version, &terms), Conditions::Sandbox, seeds).unwrap()
+        batch(&crew, &cancel, &self.cell, (version, &terms), conditions, seeds).unwrap()
     }
 
     fn sequences(
@@ -115,11 +127,7 @@ impl Bench {
 
     /// What pairs of its own say of a version.
     fn alone(&self, active: &[TaskRecord], candidate: &[TaskRecord]) -> BehaviorAssessment {
-        let both = active.iter().zip(candidate);
-        let pair = |(old, new): (&TaskRecord, &TaskRecord)| {
-            Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
-        };
-        let pairs: Vec<Pair> = both.filter_map(pair).collect();
+        let pairs = pairs_of(active, candidate);
         let mut profile = self.profile.clone();
         profile.evaluation.sandbox_pairs = u32::try_from(pairs.len()).unwrap();
         let binding = Binding {
@@ -155,6 +163,14 @@ impl Bench {
             pairs,
         }
     }
+}
+
+fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
+    let both = active.iter().zip(candidate);
+    let pair = |(old, new): (&TaskRecord, &TaskRecord)| {
+        Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
+    };
+    both.filter_map(pair).collect()
 }
 
 fn told(found: &BehaviorAssessment) -> String {
@@ -412,5 +428,58 @@ fn error_rates_and_power_of_sequences() {
                 println!("{name}, {count} sequences, next fails in {rate} more: {worse:?}");
             }
         }
+    }
+}
+
+/// What shadow says of a shift between sandbox and live world: of versions that are unchanged, honest, or bet on latency,
+/// over as many shadows of the longest length as `SHIFT_SHADOWS` says; each with its two looks. Single tasks under live
+/// conditions stand for the twins' part of a sequence.
+#[test]
+fn what_is_said_of_a_shift() {
+    let shadows = number("SHIFT_SHADOWS", 0);
+    if shadows == 0 {
+        return;
+    }
+    let bench = Bench::new();
+    let settings = &bench.profile.evaluation;
+    let looks = [settings.shadow_sequences, settings.shadow_sequences_max];
+    let run = CALIBRATION_FROM_RUN + 60;
+    let other = case("unchanged", Grasp, "", &[], Kept);
+    let bet = case("does not settle", Grasp, "settle_secs = 0.0", &[], Kept);
+    let names = ["slower", "gentler", "higher approach", "sets down slower", "looks longer"];
+    let honest = names.iter().filter_map(|name| CASES.iter().find(|case| case.name == *name));
+    for case in honest.chain([&other, &bet]) {
+        let sides = [bench.baselines[&case.task].clone(), bench.made(case.task, case.changes)];
+        let [old, new] =
+            sides.clone().map(|one| bench.episodes(&one, run, u64::from(settings.sandbox_pairs)));
+        let sandbox = pairs_of(&old, &new);
+        let live = u64::from(looks[1]) * shadows;
+        let [old, new] =
+            sides.map(|one| bench.episodes_in(&one, Conditions::Live, (run, Purpose::Live), live));
+        let sequence = |(old, new): (&TaskRecord, &TaskRecord)| ShadowSequence {
+            seed: old.seed,
+            live_success: old.success,
+            twin_success: new.success,
+            live_policy_hit: old.violation,
+            twin_policy_hit: new.violation,
+            live_watcher_event: old.anomaly,
+            twin_watcher_event: new.anomaly,
+            output_divergence: 0.0,
+            envelope_divergence: 0.0,
+            live_conduct: old.conduct(),
+            twin_conduct: new.conduct(),
+        };
+        let sequences: Vec<ShadowSequence> = old.iter().zip(&new).map(sequence).collect();
+        let mut said: BTreeMap<String, u32> = BTreeMap::new();
+        let mut shifted_in = 0;
+        for shadow in sequences.chunks(looks[1] as usize) {
+            let found = looks
+                .map(|look| shifted(&sandbox, &shadow[..shadow.len().min(look as usize)], &bench.profile));
+            shifted_in += u32::from(found.iter().any(|reasons| !reasons.is_empty()));
+            for reason in found.into_iter().flatten() {
+                *said.entry(reason.text.chars().take(90).collect()).or_default() += 1;
+            }
+        }
+        println!("{}: {shifted_in} of {shadows} shadows shifted: {said:?}", case.name);
     }
 }

@@ -171,6 +171,9 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
                 against(reason)
             )
         }
+        Code::ShadowShifted => {
+            "it has to be in the live world what it was in the sandbox, or be tried where the two differ".to_owned()
+        }
         Code::ShadowOutputDivergence | Code::ShadowEnvelopeDivergence | Code::ShadowLeaning => {
             format!("it only lengthens shadow: {}", against(reason))
         }

@@ -29,6 +29,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::recovery;
 use holdpoint_governance::search::Searched;
+use holdpoint_governance::shift::hold_against_sandbox;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{ApprovalEntry, EvidenceEntry, StoreError, Views};
 use holdpoint_runtime::capability::Capability;
@@ -439,7 +440,9 @@ fn shadowed(dossier: &Dossier, frame: &RulesInForce) -> Result<Check, Failed> {
         sequences: dossier.sequences.clone(),
         hard_stops: dossier.hard_stops.clone(),
     };
-    same("shadow", recorded, &assess_shadow(&evidence, binding, &frame.profile))?;
+    let mut again = assess_shadow(&evidence, binding, &frame.profile);
+    hold_against_sandbox(&mut again, &evidence, &dossier.pairs, &frame.profile);
+    same("shadow", recorded, &again)?;
     Ok(recorded.check)
 }
 

@@ -1,12 +1,15 @@
 //! Stage 4: shadow. The candidate beside the live work, at two depths; no actuator handle.
 
+use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::composition::{PsiContext, psi_after_shadow};
 use holdpoint_governance::condition::shadow_needed;
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{Binding, ShadowEvidence};
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::Check;
+use holdpoint_governance::shift::hold_against_sandbox;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
@@ -139,7 +142,8 @@ fn decide(
         sequences: dossier.sequences.clone(),
         hard_stops: dossier.hard_stops.clone(),
     };
-    let result = assess_shadow(&evidence, &run.binding, profile);
+    let mut result = assess_shadow(&evidence, &run.binding, profile);
+    hold_against_sandbox(&mut result, &evidence, &dossier.pairs, profile);
     let longest = profile.evaluation.shadow_sequences_max;
     let lengthened = run.budget >= longest;
     if result.check == Check::Inconclusive
@@ -177,6 +181,15 @@ fn decide(
         .first()
         .map_or_else(|| "shadow is passed".to_owned(), |reason| format!("{}: {}", reason.code, reason.text));
     let note = stage_note(dossier, &id, EvidenceKind::Shadow, reason, &decision)?;
+    let shift: Vec<&str> = result
+        .reasons
+        .iter()
+        .filter(|reason| reason.code == ReasonCode::ShadowShifted)
+        .map(|reason| reason.text.as_str())
+        .collect();
+    if !shift.is_empty() {
+        record.raise(AlarmKey::Shifted(id.clone()), profile.alarms.degraded, true, &shift.join("; "));
+    }
     let store = record.ledger().store();
     keep_traces(store, &id, &run.traces, record.now_ms())?;
     let (version, _, _) = record.ledger().version(&id)?;

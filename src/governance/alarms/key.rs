@@ -22,6 +22,8 @@ crate::words! {
         Degraded = "degraded",
         /// An active version's own recovery drills pass too seldom.
         WeakRecovery = "weak-recovery",
+        /// A version is in the live world not what it was in the sandbox.
+        Shifted = "shifted",
         /// The cell's own senses are worse than when it was commissioned, whoever is active.
         CellDegraded = "cell-degraded",
         /// A family is stopped without an active version.
@@ -71,6 +73,7 @@ impl AlarmKind {
             | Self::Violation
             | Self::Degraded
             | Self::WeakRecovery
+            | Self::Shifted
             | Self::CellDegraded => AlarmTopic::Monitor,
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
@@ -100,6 +103,8 @@ pub enum AlarmKey {
     Degraded(CapabilityId),
     /// The active version whose drills pass too seldom.
     WeakRecovery(CapabilityId),
+    /// The version that was in shadow.
+    Shifted(CapabilityId),
     /// The one cell there is: its senses.
     CellDegraded,
     /// The family that is stopped.
@@ -138,6 +143,7 @@ impl AlarmKey {
             Self::Violation(_) => AlarmKind::Violation,
             Self::Degraded(_) => AlarmKind::Degraded,
             Self::WeakRecovery(_) => AlarmKind::WeakRecovery,
+            Self::Shifted(_) => AlarmKind::Shifted,
             Self::CellDegraded => AlarmKind::CellDegraded,
             Self::SafeStopped(_) => AlarmKind::SafeStopped,
             Self::NotRecovered(_) => AlarmKind::NotRecovered,
@@ -162,6 +168,7 @@ impl fmt::Display for AlarmKey {
             | Self::Violation(version)
             | Self::Degraded(version)
             | Self::WeakRecovery(version)
+            | Self::Shifted(version)
             | Self::Rejected(version)
             | Self::Approval(version)
             | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
@@ -191,6 +198,7 @@ impl FromStr for AlarmKey {
             AlarmKind::Violation => Self::Violation(version()?),
             AlarmKind::Degraded => Self::Degraded(version()?),
             AlarmKind::WeakRecovery => Self::WeakRecovery(version()?),
+            AlarmKind::Shifted => Self::Shifted(version()?),
             AlarmKind::SafeStopped => Self::SafeStopped(family()?),
             AlarmKind::NotRecovered => Self::NotRecovered(family()?),
             AlarmKind::Rejected => Self::Rejected(version()?),
@@ -255,6 +263,7 @@ mod tests {
                 | AlarmKind::Violation
                 | AlarmKind::Degraded
                 | AlarmKind::WeakRecovery
+                | AlarmKind::Shifted
                 | AlarmKind::Rejected
                 | AlarmKind::Approval
                 | AlarmKind::Unreviewed => ":grasp@1.3.0",

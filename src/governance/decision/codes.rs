@@ -159,6 +159,8 @@ reason_codes! {
     ShadowGovernanceDivergence = "shadow-governance-divergence",
     /// A governance signal leans towards worse, not established: shadow is lengthened.
     ShadowLeaning = "shadow-leaning",
+    /// In the live world the candidate is worse beside the active version than the sandbox showed.
+    ShadowShifted = "shadow-shifted",
     /// Outputs differ; shadow is lengthened, nothing is decided.
     ShadowOutputDivergence = "shadow-output-divergence",
     /// The twin leaves the band of the active version's traces; shadow is lengthened.
@@ -318,6 +320,7 @@ impl ReasonCode {
             | Self::ShadowClean
             | Self::ShadowGovernanceDivergence
             | Self::ShadowLeaning
+            | Self::ShadowShifted
             | Self::ShadowOutputDivergence
             | Self::ShadowEnvelopeDivergence
             | Self::ShadowNoData

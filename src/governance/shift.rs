@@ -1,0 +1,275 @@
+//! Whether a candidate is in the live world what it was in the sandbox, beside the version that it would replace.
+//!
+//! The live world differs from the sandbox by design, for both versions. So what is compared is how much worse the
+//! candidate is than the active version: pair by pair in the sandbox, sequence by sequence in shadow. If these two samples
+//! are of one distribution, what the sandbox concluded holds in the live world too. One exact test of Smirnov a signal,
+//! one-sided, with Holm's correction over the signals and half of the error rate at each of shadow's two looks: in 99 of
+//! 100 shadows at least nothing is said of a version whose worsening is the same in both. A measure of harm counts from
+//! half of its tolerance on: trifles can be established, and harm nobody. A shift rejects nothing by itself. It makes shadow
+//! longer; what is still there then holds the version back on a real cell, and in simulation it is an alarm.
+
+use super::decision::{Dimension, Reason, ReasonCode};
+use super::evidence::{EpisodeValues, Pair, ShadowEvidence, ShadowSequence};
+use super::gate::ShadowAssessment;
+use super::harm::HarmKind;
+use super::outcome::Check;
+use super::profile::{Profile, ProfileName};
+use super::stats::holm;
+use super::stats::smirnov::smirnov_above;
+
+/// Error rate of both looks together.
+pub const SHIFT_ALPHA: f64 = 0.01;
+
+/// Looks at most: at the plain length of shadow, and at the longest.
+const LOOKS: f64 = 2.0;
+
+/// Of a tolerance, what is a trifle.
+const TRIFLE: f64 = 0.5;
+
+/// What is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Signal {
+    Failure,
+    Anomaly,
+    Warning,
+    Retry,
+    Harm(HarmKind),
+}
+
+impl Signal {
+    fn all() -> impl Iterator<Item = Self> {
+        let flags = [Self::Failure, Self::Anomaly, Self::Warning, Self::Retry];
+        flags.into_iter().chain(HarmKind::ALL.into_iter().map(Self::Harm))
+    }
+
+    const fn words(self) -> &'static str {
+        match self {
+            Self::Failure => "failures of the task",
+            Self::Anomaly => "anomalies",
+            Self::Warning => "commands the guard clamps or refuses",
+            Self::Retry => "new attempts",
+            Self::Harm(kind) => kind.words(),
+        }
+    }
+
+    /// A value of which more is worse; `None` if it was not measured.
+    fn of(self, values: &EpisodeValues) -> Option<f64> {
+        let flag = |is: bool| Some(f64::from(u8::from(is)));
+        match self {
+            Self::Failure => flag(!values.success),
+            Self::Anomaly => flag(values.anomaly),
+            Self::Warning => flag(values.policy_warning),
+            Self::Retry => flag(values.retries > 0),
+            Self::Harm(kind) => values.harm.map(|harm| kind.worsening(harm.of(kind), 0.0)),
+        }
+    }
+
+    fn in_sandbox(self, pair: &Pair) -> Option<f64> {
+        Some(self.of(&pair.candidate)? - self.of(&pair.active)?)
+    }
+
+    fn in_shadow(self, sequence: &ShadowSequence) -> Option<f64> {
+        let (twin, live) = (&sequence.twin_conduct, &sequence.live_conduct);
+        let flags = |new: bool, old: bool| Some(f64::from(u8::from(new)) - f64::from(u8::from(old)));
+        match self {
+            Self::Failure => flags(!sequence.twin_success, !sequence.live_success),
+            Self::Anomaly => flags(sequence.twin_watcher_event, sequence.live_watcher_event),
+            Self::Warning => flags(twin.warned, live.warned),
+            Self::Retry => flags(twin.retried, live.retried),
+            Self::Harm(kind) => Some(kind.worsening(twin.harm?.of(kind), live.harm?.of(kind))),
+        }
+    }
+
+    fn trifle(self, profile: &Profile) -> f64 {
+        match self {
+            Self::Failure | Self::Anomaly | Self::Warning | Self::Retry => 0.0,
+            Self::Harm(kind) => TRIFLE * profile.harm.of(kind).mean,
+        }
+    }
+}
+
+/// For each signal that is established as worse in shadow than the sandbox showed, a reason with both means.
+#[must_use]
+pub fn shifted(sandbox: &[Pair], shadow: &[ShadowSequence], profile: &Profile) -> Vec<Reason> {
+    let mut tested = Vec::new();
+    for signal in Signal::all() {
+        let before: Option<Vec<f64>> = sandbox.iter().map(|pair| signal.in_sandbox(pair)).collect();
+        let now: Option<Vec<f64>> = shadow.iter().map(|sequence| signal.in_shadow(sequence)).collect();
+        // What was not measured on either side is not compared.
+        let (Some(before), Some(now)) = (before, now) else { continue };
+        let trifle = signal.trifle(profile);
+        let beyond: Vec<f64> = now.iter().map(|worse| worse - trifle).collect();
+        let Ok(found) = smirnov_above(&before, &beyond) else { continue };
+        tested.push((signal, mean(&before), mean(&now), found.p_value));
+    }
+    let p_values: Vec<f64> = tested.iter().map(|(.., p_value)| *p_value).collect();
+    let adjusted = holm(&p_values).unwrap_or_default();
+    let level = SHIFT_ALPHA / LOOKS;
+    let established = tested.into_iter().zip(adjusted).filter(|(_, p_value)| *p_value <= level);
+    let said = established.map(|((signal, before, now, _), p_value)| {
+        let show = |value: f64| match signal {
+            Signal::Harm(kind) => kind.show(value),
+            Signal::Failure | Signal::Anomaly | Signal::Warning | Signal::Retry => {
+                format!("{:.1} %", 100.0 * value)
+            }
+        };
+        let text = format!(
+            "not what the sandbox showed: {} worse than the active version's by {} in {} live sequences, by {} in {} \
+             sandbox pairs",
+            signal.words(),
+            show(now),
+            shadow.len(),
+            show(before),
+            sandbox.len()
+        );
+        Reason::new(ReasonCode::ShadowShifted, Dimension::Shadow, text).with(p_value, level)
+    });
+    said.collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Adds to what shadow came to what the sandbox has to say of it. Whoever would pass is looked at longer, and once that is
+/// done held back, or, in simulation, let pass with the reason standing.
+pub fn hold_against_sandbox(
+    result: &mut ShadowAssessment,
+    shadow: &ShadowEvidence,
+    sandbox: &[Pair],
+    profile: &Profile,
+) {
+    let looked_at = matches!(result.check, Check::Pass | Check::Inconclusive);
+    if !looked_at || sandbox.is_empty() || result.sequences < profile.evaluation.shadow_sequences {
+        return;
+    }
+    let found = shifted(sandbox, &shadow.sequences, profile);
+    if found.is_empty() {
+        return;
+    }
+    let holds = match profile.name {
+        ProfileName::Sim => false,
+        ProfileName::Real | ProfileName::Human => true,
+    };
+    if result.sequences < profile.evaluation.shadow_sequences_max || holds {
+        result.check = Check::Inconclusive;
+        result.reasons.retain(|reason| reason.code != ReasonCode::ShadowClean);
+    }
+    result.reasons.splice(0..0, found);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::{Binding, Conduct};
+    use crate::harm::HarmMeasures;
+    use crate::ids::Digest;
+
+    fn values(slip_m: f64) -> EpisodeValues {
+        EpisodeValues {
+            success: true,
+            violation: false,
+            anomaly: false,
+            recovery: false,
+            intervention: false,
+            timeout: false,
+            near_violation: false,
+            policy_warning: false,
+            retries: 0,
+            time_s: 4.0,
+            unsafe_continuation_ms: 0.0,
+            harm: Some(HarmMeasures { slip_m, ..HarmMeasures::STILL }),
+        }
+    }
+
+    /// Slips less than 1 mm more in the sandbox, with some spread.
+    fn sandbox() -> Vec<Pair> {
+        let pair = |seed: u32| Pair {
+            seed: seed.into(),
+            active: values(0.001),
+            candidate: values(0.001 + 1e-5 * f64::from(seed % 50)),
+        };
+        (0..300).map(pair).collect()
+    }
+
+    fn shadow(count: u32, more_m: f64) -> ShadowEvidence {
+        let conduct = |slip_m: f64| Conduct { harm: values(slip_m).harm, ..Conduct::default() };
+        let sequence = |seed: u32| ShadowSequence {
+            seed: seed.into(),
+            live_success: true,
+            twin_success: true,
+            live_policy_hit: false,
+            twin_policy_hit: false,
+            live_watcher_event: false,
+            twin_watcher_event: false,
+            output_divergence: 0.0,
+            envelope_divergence: 0.0,
+            live_conduct: conduct(0.001),
+            twin_conduct: conduct(0.001 + more_m + 1e-5 * f64::from(seed % 50)),
+        };
+        let digest = Digest::of_parts("test", &[]);
+        let binding =
+            Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest };
+        ShadowEvidence { binding, sequences: (0..count).map(sequence).collect(), hard_stops: Vec::new() }
+    }
+
+    fn judged(name: ProfileName, count: u32, more_m: f64) -> ShadowAssessment {
+        let profile = Profile::builtin(name).unwrap();
+        let evidence = shadow(count, more_m);
+        let mut result = crate::gate::assess_shadow(&evidence, &evidence.binding, &profile);
+        assert_eq!(result.check, Check::Pass, "without the sandbox nothing speaks against it: {result:?}");
+        hold_against_sandbox(&mut result, &evidence, &sandbox(), &profile);
+        result
+    }
+
+    #[test]
+    fn what_is_the_same_in_both_worlds_or_differs_by_a_trifle_is_left_alone() {
+        for more_m in [0.0, 2.0e-4, -0.001] {
+            let found = judged(ProfileName::Sim, 20, more_m);
+            assert_eq!(found.check, Check::Pass, "{more_m}: {found:?}");
+            assert!(found.reasons.iter().all(|reason| reason.code != ReasonCode::ShadowShifted));
+        }
+    }
+
+    #[test]
+    fn a_shift_is_looked_at_longer_and_then_held_or_said() {
+        let shift = 0.000_75;
+        let said = |found: &ShadowAssessment| found.reasons[0].code == ReasonCode::ShadowShifted;
+        let plain = judged(ProfileName::Sim, 20, shift);
+        assert!(plain.check == Check::Inconclusive && said(&plain), "{plain:?}");
+        let text = &plain.reasons[0].text;
+        let begins = "not what the sandbox showed: motion of the object in the hand worse";
+        assert!(text.starts_with(begins), "{text}");
+        let longest = judged(ProfileName::Sim, 60, shift);
+        assert!(longest.check == Check::Pass && said(&longest), "nobody is asked: it is said: {longest:?}");
+        let held = judged(ProfileName::Real, 90, shift);
+        assert!(held.check == Check::Inconclusive && said(&held), "{held:?}");
+    }
+
+    /// A worsening drawn from one distribution in both worlds is called shifted at most as often as stated: of 200
+    /// shadows with both looks two are expected at most, and more than seven are three standard deviations more.
+    #[test]
+    fn equal_distributions_are_called_shifted_no_more_often_than_stated() {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let mut state = 7_u64;
+        let mut unit = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let mut wrong = 0;
+        for _ in 0..200 {
+            let mut spread = |of: &mut f64| *of = 0.001 + 0.004 * unit();
+            let mut pairs = sandbox();
+            for harm in pairs.iter_mut().filter_map(|pair| pair.candidate.harm.as_mut()) {
+                spread(&mut harm.slip_m);
+            }
+            let mut evidence = shadow(60, 0.0);
+            for harm in evidence.sequences.iter_mut().filter_map(|one| one.twin_conduct.harm.as_mut()) {
+                spread(&mut harm.slip_m);
+            }
+            let looks = [&evidence.sequences[..20], &evidence.sequences];
+            wrong += u32::from(looks.iter().any(|look| !shifted(&pairs, look, &profile).is_empty()));
+        }
+        assert!(wrong <= 7, "{wrong} of 200, 2 expected at most");
+    }
+}
