@@ -98,6 +98,14 @@ pub(crate) fn open_reader(path: &Path, schema: &Schema) -> Result<Connection, St
     Ok(connection)
 }
 
+/// Opens a database for reading once more, beside a connection that [`open_reader`] made: its file is not opened by
+/// itself, which would take that connection's locks away.
+pub(crate) fn open_beside(path: &Path) -> Result<Connection, StoreError> {
+    let connection = open_read_only(path)?;
+    set(&connection, "query_only", "1", "1")?;
+    Ok(connection)
+}
+
 /// Copies a database, as it is at one moment, into a new file.
 pub(crate) fn copy_into(path: &Path, schema: &Schema, to: &Path) -> Result<(), StoreError> {
     check_library()?;

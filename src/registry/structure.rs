@@ -4,10 +4,12 @@
 //! its hash, and the two indexes of the chain are held against the records by one pass over each.
 
 use std::hash::{BuildHasher, RandomState};
+use std::path::Path;
 
 use rusqlite::Connection;
 
 use super::fold::Fold;
+use super::open::open_beside;
 use holdpoint_governance::record::RecordRef;
 
 /// The table of the chain: nearly all of a store's file.
@@ -41,17 +43,27 @@ pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(),
     Ok(())
 }
 
-/// The structure of all of it, and every index against its table. `fold` is of the whole chain.
+/// The structure of the whole file, and every index but those of the chain against its table. On a connection of its own:
+/// whoever reads the records meanwhile has another.
 ///
 /// # Errors
 /// What is wrong.
-pub(crate) fn check_all(connection: &Connection, fold: &Fold) -> Result<(), String> {
-    whole_file(connection)?;
-    for table in tables(connection).map_err(unreadable)? {
+pub(crate) fn check_file(database: &Path) -> Result<(), String> {
+    let connection = open_beside(database).map_err(|error| error.to_string())?;
+    whole_file(&connection)?;
+    for table in tables(&connection).map_err(unreadable)? {
         if table != CHAIN {
-            of_table(connection, "integrity_check", &table)?;
+            of_table(&connection, "integrity_check", &table)?;
         }
     }
+    Ok(())
+}
+
+/// The indexes of the chain against its records. `fold` is of the whole chain.
+///
+/// # Errors
+/// What is wrong.
+pub(crate) fn check_indexes(connection: &Connection, fold: &Fold) -> Result<(), String> {
     let differing = fold.indexes().differing(connection, fold.end().seq).map_err(unreadable)?;
     differing.map_or(Ok(()), |index| Err(format!("the index {index:?} is not what its table holds")))
 }

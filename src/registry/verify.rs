@@ -163,11 +163,18 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     connection.execute_batch("BEGIN").map_err(unreadable)?;
     let sizes = kept.iter().map(|kept| kept.checkpoint.seq).collect();
     (judged.tell)("records", 0, head(&connection).map_err(unreadable)?.seq);
-    let mut fold = Fold::read_noting(&connection, sizes).map_err(|error| match error {
+    // The structure of the file has nothing to do with what the records say: both are looked at together.
+    let (fold, file) = std::thread::scope(|scope| {
+        let file = scope.spawn(|| structure::check_file(database));
+        (Fold::read_noting(&connection, sizes), file.join())
+    });
+    let mut fold = fold.map_err(|error| match error {
         FoldError::Fault(fault) => of_fault(fault),
         FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
     })?;
-    structure::check_all(&connection, &fold).map_err(VerifyError::Damaged)?;
+    file.unwrap_or_else(|_| Err("looking at its structure failed".to_owned()))
+        .map_err(VerifyError::Damaged)?;
+    structure::check_indexes(&connection, &fold).map_err(VerifyError::Damaged)?;
     let store_id = store_id::read(&connection, database)?;
     if let Ok(Some(end)) = signed::read(&connection)
         && end.number() > kept.last().map_or(0, |kept| kept.checkpoint.number()) + 1

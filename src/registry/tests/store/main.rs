@@ -18,6 +18,7 @@ mod decay;
 mod disk;
 mod edits;
 mod failing;
+mod key_files;
 mod kill;
 mod killed;
 mod long;
