@@ -70,7 +70,10 @@ fn what_was_changed_or_is_missing_is_found() {
     let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
     assert!(text.ends_with("sound: 3 recordings, 0 not as recorded\n"), "{text}");
-    std::fs::write(folder.join(FILE), "changed").unwrap();
+    std::fs::write(folder.join(FILE), "longer than what was recorded").unwrap();
+    let (_, text) = ask(&context, RecordingsVerb::Verify, false);
+    assert!(text.contains(&format!("{FILE}  DIFFERS: it has 29 bytes, 24 were recorded")), "{text}");
+    std::fs::write(folder.join(FILE), FILE.to_uppercase()).unwrap();
     std::fs::remove_file(folder.join(SECOND)).unwrap();
     let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");

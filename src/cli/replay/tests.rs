@@ -17,7 +17,7 @@ fn store() -> (tempfile::TempDir, CliContext) {
     let recorded = Recorded {
         file: FILES[0].to_owned(),
         sha256: folder::digest(&folder.join(FILES[0])).unwrap(),
-        bytes: 1,
+        bytes: FILES[0].len() as u64,
         pictures: 1,
         dropped_pictures: 0,
         dropped_events: 0,
