@@ -177,7 +177,9 @@ fn sound(report: &VerifyReport, out: &mut Output<'_>) -> Result<(), CliError> {
         ))?;
     }
     out.line(&format!("approvals          {}", report.approvals))?;
-    out.line(&format!("persons            {}, {} of them confirmed", report.persons, report.confirmed))?;
+    if report.persons > 0 {
+        out.line(&format!("persons            {}, {} of them confirmed", report.persons, report.confirmed))?;
+    }
     out.line(&format!(
         "telemetry batches  {} ({} removed for age, {} not looked at)",
         report.batches, report.batches_pruned, report.batches_unseen

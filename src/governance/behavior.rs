@@ -111,6 +111,16 @@ impl ComponentName {
         }
     }
 
+    /// Whether a rise that is established makes a version incompatible by itself, whatever else it does. That recovery
+    /// ran more often is no harm by itself.
+    #[must_use]
+    pub const fn blocks_alone(self) -> bool {
+        match self {
+            Self::Violation | Self::Anomaly => true,
+            Self::Recovery | Self::Success | Self::Time | Self::Retry => false,
+        }
+    }
+
     /// Cost `c_j` of one unit of worsening in `kappa_B`, from the profile.
     #[must_use]
     pub const fn cost(self, settings: &BehaviorSettings) -> f64 {
@@ -448,13 +458,9 @@ fn judge(result: &mut BehaviorAssessment, success_rose: bool, asking: Option<Rea
     let traded =
         result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
     let HarmVerdict { established: harmful, possible } = harm::verdict(&result.harm);
-    // More violations or anomalies are bought by nothing. That recovery runs more often is no harm by itself: within its
-    // tolerance it stands against a version only where success is what it would be bought with.
-    let unsafe_now = traded.is_some()
-        || result
-            .components
-            .iter()
-            .any(|c| c.name != ComponentName::Recovery && c.name.is_safety() && c.is_established());
+    // Recovery stands against a version within its tolerance only where success is what it would be bought with.
+    let unsafe_now =
+        traded.is_some() || result.components.iter().any(|c| c.name.blocks_alone() && c.is_established());
     let outcome = if result.pairs < budget {
         let text = "fewer episode pairs than the budget".to_owned();
         let few =

@@ -90,12 +90,12 @@ fn with_a_problem(then: Ended) -> Ended {
     }
     let row = |row: &str| {
         let (person, key) = row.split_at(22);
-        let [state, word, by] = if person.starts_with("NAME") {
-            ["STATE", "PROTECTION", "ENROLLED BY"]
+        let [state, word, by, confirmed] = if person.starts_with("NAME") {
+            ["STATE", "PROTECTION", "ENROLLED BY", "CONFIRMED BY"]
         } else {
-            ["not-enrolled", "unprotected", "-"]
+            ["not-enrolled", "unprotected", "-", "-"]
         };
-        format!("{person}{state:14}{word:13}{by:13}{key}\n")
+        format!("{person}{state:14}{word:13}{by:13}{confirmed:14}{key}\n")
     };
     Ended { code: 1, printed: then.printed.lines().map(row).collect(), said: NO_ROLE.to_owned() }
 }

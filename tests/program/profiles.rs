@@ -66,6 +66,19 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     // The files are gone, and the store still knows what it is under.
     fs::remove_dir_all(store.join("profiles")).unwrap();
     let signed = ["candidate", "register", IMPROVED, "--as", "mara", "--passphrase-file", oak];
+    // Nobody whom an open key made lets anything go on among people.
+    let registered = on(&store, &signed);
+    assert!(
+        !registered.status.success() && text(&registered).contains("identity confirm mara"),
+        "{}",
+        text(&registered)
+    );
+    let protected = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", oak]);
+    assert!(protected.status.success(), "{}", text(&protected));
+    let confirm =
+        ["identity", "confirm", "mara", "--by", "admin", "--reason", "met", "--passphrase-file", oak];
+    let confirmed = on(&store, &confirm);
+    assert!(confirmed.status.success(), "{}", text(&confirmed));
     let registered = on(&store, &signed);
     assert!(registered.status.success(), "{}", text(&registered));
     assert!(text(&on(&store, &["status"])).contains("human (line-4)"));

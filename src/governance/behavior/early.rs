@@ -171,7 +171,7 @@ fn is_incompatible_at(
             certain.push((name, bound.mean));
         }
     }
-    // A safety component that is established as worse is not bought by anything.
-    certain.iter().any(|(name, _)| name.is_safety())
+    // More violations or anomalies are bought by nothing.
+    certain.iter().any(|(name, _)| name.blocks_alone())
         || kappa(&profile.behavior, certain).is_some_and(|value| value.get() < profile.thresholds.behavior())
 }
