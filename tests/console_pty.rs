@@ -3,6 +3,9 @@
 //! One store is taken to the open question once; who approves and who rejects work on copies of it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
 
+#[path = "support/agent.rs"]
+#[allow(dead_code, reason = "the tests of the program use the rest")]
+mod agent;
 #[path = "support/pty.rs"]
 #[allow(dead_code, reason = "the measurements use the rest")]
 mod pty;
@@ -11,6 +14,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::OnceLock;
 
+use agent::Agent;
 use pty::{Console, Home};
 use rustix::process::Signal;
 
@@ -118,8 +122,12 @@ fn copy(from: &Path, to: &Path) {
 
 /// Opens the waiting question as somebody.
 fn at_the_prompt(home: &Home, name: &str) -> Console {
+    at_the_prompt_with(home, name, &[])
+}
+
+fn at_the_prompt_with(home: &Home, name: &str, variables: &[(&str, &str)]) -> Console {
     let words = ["run", "--profile", "human", "--as", name, "--no-tour", "--pace", "max"];
-    let mut console = home.console(&words, SIZE);
+    let mut console = home.console_with(&words, SIZE, variables);
     console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
     console.wait_for_text(name);
     // The queue shows what waits; Enter opens it and nothing else.
@@ -275,6 +283,113 @@ fn an_operator_approves() {
     verified(&home);
     assert!(!console.raw().contains("oak"), "a passphrase was on the screen");
     assert_eq!(holding(&home.data(), b"under the oak"), Vec::<std::path::PathBuf>::new());
+}
+
+/// The file with the passphrase that opens the keys of this store.
+fn words(home: &Home) -> String {
+    let file = home.path().join("words");
+    std::fs::write(&file, PASSPHRASE).unwrap();
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
+    file.to_str().unwrap().to_owned()
+}
+
+/// An engine that asks people about the waiting version, and the digest of what they are asked about.
+fn engine_that_asks(home: &Home) -> (Console, String) {
+    let engine =
+        home.console(&["serve", "--quiet", "--profile", "human", "--pace", "max", "--jobs", "1"], SIZE);
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(120);
+    loop {
+        let output = home.run(&["status", "--json"]);
+        let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        if let Some(evidence) = status["prompts"][0]["evidence"].as_str() {
+            return (engine, evidence.chars().take(8).collect());
+        }
+        assert!(std::time::Instant::now() < until, "nothing waits: {status}\n{}", engine.contents());
+        std::thread::yield_now();
+    }
+}
+
+fn becomes_active(home: &Home) {
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(120);
+    while state_of(home, "align@1.1.0") != "active" {
+        assert!(std::time::Instant::now() < until, "{}", state_of(home, "align@1.1.0"));
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn an_approval_that_is_enough_ends_with_0() {
+    let home = asked();
+    let words = words(&home);
+    let (mut engine, digest) = engine_that_asks(&home);
+    let approve = |more: &[&str]| {
+        let as_alice =
+            ["approve", "align@1.1.0", "--as", "alice", "--reason", "read", "--passphrase-file", &words];
+        let output = home.run(&[&as_alice, more].concat());
+        let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        (output.status.code(), said.into_owned())
+    };
+    let (code, said) = approve(&["--digest", "00000000"]);
+    assert_eq!(code, Some(3), "{said}");
+    assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
+    let (code, said) = approve(&["--digest", &digest]);
+    assert_eq!(code, Some(0), "{said}");
+    becomes_active(&home);
+    engine.signal(Signal::TERM);
+    assert_eq!(engine.end().exit_code(), 0);
+    let granted = home.must(&["audit", "list", "--kind", "approval-put", "--json"]);
+    assert_eq!(granted.lines().count(), 1, "the one with another digest is on record as well: {granted}");
+    verified(&home);
+}
+
+/// Enrols somebody whose key an agent holds.
+fn enrol_carol(home: &Home, agent: &Agent) {
+    let words = words(home);
+    let socket = agent.socket();
+    let enrol = ["identity", "enrol", "carol", "--ssh-agent", "carol@desk", "--role", "engineer"];
+    let by = ["--by", "admin", "--reason", "known", "--passphrase-file", &words];
+    let mut console =
+        home.console_with(&[&enrol[..], &by].concat(), SIZE, &[("SSH_AUTH_SOCK", socket.to_str().unwrap())]);
+    console.wait_for_text("carol is enrolled as engineer");
+    assert_eq!(console.end().exit_code(), 0);
+}
+
+#[test]
+fn a_key_of_an_agent_approves_by_a_call() {
+    let home = asked();
+    let Some(agent) = Agent::with_key(home.path(), "carol@desk") else { return };
+    enrol_carol(&home, &agent);
+    let (mut engine, digest) = engine_that_asks(&home);
+    let approve = |socket: &str| {
+        let words = ["approve", "align@1.1.0", "--as", "carol", "--reason", "read", "--digest", &digest];
+        let mut console = home.console_with(&words, SIZE, &[("SSH_AUTH_SOCK", socket)]);
+        (console.end().exit_code(), console.contents())
+    };
+    let (code, said) = approve("/nobody");
+    assert!(code == 2 && said.contains("ssh-agent"), "{code}: {said}");
+    let socket = agent.socket();
+    let (code, said) = approve(socket.to_str().unwrap());
+    assert_eq!(code, 0, "{said}");
+    becomes_active(&home);
+    engine.signal(Signal::TERM);
+    assert_eq!(engine.end().exit_code(), 0);
+    verified(&home);
+}
+
+#[test]
+fn a_key_of_an_agent_approves_at_the_prompt() {
+    let home = asked();
+    let Some(agent) = Agent::with_key(home.path(), "carol@desk") else { return };
+    enrol_carol(&home, &agent);
+    let socket = agent.socket();
+    let mut console = at_the_prompt_with(&home, "carol", &[("SSH_AUTH_SOCK", socket.to_str().unwrap())]);
+    let id = short_id(&console);
+    fill(&mut console, &id, "evidence read");
+    press_until_it_counts(&mut console, "Y");
+    assert!(!console.raw().contains("Passphrase of"), "the agent is asked, and nobody else");
+    becomes_active(&home);
+    assert_eq!(quit(&mut console), 0);
+    verified(&home);
 }
 
 #[test]

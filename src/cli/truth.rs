@@ -126,6 +126,20 @@ fn show(report: &TruthReport, out: &mut Output<'_>) -> Result<(), CliError> {
             ]);
         }
         out.table(&table)?;
+        for curve in &score.curves {
+            let ([low, high], [hits, false_alarms]) = (curve.interval, curve.decided);
+            out.line(&format!(
+                "area under the curve by {}: {:.3} [{low:.3}, {high:.3}]; the decisions: {hits:.3} of the harmful, \
+                 {false_alarms:.3} of the harmless stopped",
+                curve.by, curve.area
+            ))?;
+        }
+        let worse: u64 = score.classes.iter().map(|class| class.lost_worse).sum();
+        if worse > 0 {
+            out.line(&format!(
+                "{worse} of the harmless ones that were lost are established to be worse all the same"
+            ))?;
+        }
         if score.open > 0 {
             out.line(&format!("{} candidates may be worse than they are counted here", score.open))?;
         }

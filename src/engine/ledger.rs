@@ -14,7 +14,7 @@ use holdpoint_governance::lifecycle::{
 };
 use holdpoint_governance::submission::Package;
 use holdpoint_registry::{
-    ActiveCause, AuditBody, Change, Course, NewVersion, Store, StoreError, Transaction, Views,
+    ActiveCause, AuditBody, Change, Course, NewVersion, Store, StoreError, Transaction, Views, command_id,
 };
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::{Capability, PackageError};
@@ -145,8 +145,6 @@ struct StoredPackage {
 pub struct Ledger {
     store: Store,
     families: BTreeMap<Family, FamilyEntry>,
-    commands: u64,
-    first_command: u64,
     wall_clock: bool,
     /// Digest of the robot that versions are made active with.
     robot: Option<String>,
@@ -164,7 +162,6 @@ impl Ledger {
     /// # Errors
     /// If a version does not load or is not what was registered.
     pub fn open(store: Store, wall_clock: bool) -> Result<Self, LedgerError> {
-        let first_command = store.opening().head.seq;
         let mut families = BTreeMap::new();
         let views = store.views()?;
         for status in views.families()? {
@@ -177,7 +174,7 @@ impl Ledger {
             families.insert(family, FamilyEntry { state, members });
         }
         drop(views);
-        Ok(Self { store, families, commands: 0, first_command, wall_clock, robot: None })
+        Ok(Self { store, families, wall_clock, robot: None })
     }
 
     /// Makes the store's first administrator, if nobody was ever enrolled.
@@ -415,8 +412,7 @@ impl Ledger {
         audit: Vec<AuditBody>,
         at_ms: u64,
     ) -> Result<holdpoint_registry::Receipt, StoreError> {
-        self.commands += 1;
-        let command_id = format!("engine-{}-{}", self.first_command, self.commands);
+        let command_id = command_id("engine")?;
         let wall_ms = if self.wall_clock { wall_ms() } else { 0 };
         self.store.commit_sealing(Transaction { command_id, at_ms, wall_ms, changes, audit })
     }

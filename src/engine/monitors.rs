@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::strictness::Strictness;
@@ -20,6 +21,8 @@ pub struct Watched {
     pub monitor: Monitor,
     /// Live tasks it has worked.
     pub episodes: u32,
+    /// What it did in those, as far as a shift is looked for: none under a tighter envelope.
+    pub(crate) lived: Vec<EpisodeValues>,
     /// Whether its envelope was tightened.
     pub restricted: bool,
     /// Whether it was confirmed.
@@ -54,6 +57,7 @@ impl Watched {
             id: id.clone(),
             monitor,
             episodes: 0,
+            lived: Vec::new(),
             restricted: false,
             confirmed: false,
             announced: MonitorAction::Continue,

@@ -203,6 +203,9 @@ pub struct Evaluation {
     pub sequence_alpha: f64,
     /// By how much the share of sequences that go wrong may rise.
     pub sequence_tolerance: f64,
+    /// Error rate of calling an unchanged version shifted: in both looks of shadow together, and in those of its live
+    /// tasks together (see [`shift`](crate::shift)).
+    pub shift_alpha: f64,
     /// Error rate of the shadow comparison, shared by its signals and looks.
     pub shadow_alpha: f64,
     /// Whole sequences a shadow deployment has to work.

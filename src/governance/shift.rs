@@ -7,6 +7,9 @@
 //! 100 shadows at least nothing is said of a version whose worsening is the same in both. A measure of harm counts from
 //! half of its tolerance on: trifles can be established, and harm nobody. A shift rejects nothing by itself. It makes shadow
 //! longer; what is still there then holds the version back on a real cell, and in simulation it is an alarm.
+//!
+//! Once it is active there is no version beside it, and its twins in shadow are what it is held against: they worked under
+//! the live world's conditions, too. It is the same test, at [`live_look`]s alone, and what it finds is an alarm.
 
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Pair, ShadowEvidence, ShadowSequence};
@@ -17,11 +20,11 @@ use super::profile::{Profile, ProfileName};
 use super::stats::holm;
 use super::stats::smirnov::smirnov_above;
 
-/// Error rate of both looks together.
-pub const SHIFT_ALPHA: f64 = 0.01;
-
-/// Looks at most: at the plain length of shadow, and at the longest.
+/// Looks of shadow at most: at its plain length, and at the longest.
 const LOOKS: f64 = 2.0;
+
+/// After so many provisional windows of live tasks it is looked.
+const LIVE_LOOKS: [u32; 3] = [1, 3, 9];
 
 /// Of a tolerance, what is a trifle.
 const TRIFLE: f64 = 0.5;
@@ -80,6 +83,22 @@ impl Signal {
         }
     }
 
+    /// A difference, in the signal's unit.
+    fn show(self, value: f64) -> String {
+        match self {
+            Self::Harm(kind) => kind.show(value),
+            Self::Failure | Self::Anomaly | Self::Warning | Self::Retry => format!("{:.1} %", 100.0 * value),
+        }
+    }
+
+    /// A version's own mean, which [`Self::of`] told as a worsening.
+    fn show_own(self, worsening: f64) -> String {
+        match self {
+            Self::Harm(kind) => kind.show(kind.worsening(worsening, 0.0)),
+            Self::Failure | Self::Anomaly | Self::Warning | Self::Retry => self.show(worsening),
+        }
+    }
+
     fn trifle(self, profile: &Profile) -> f64 {
         match self {
             Self::Failure | Self::Anomaly | Self::Warning | Self::Retry => 0.0,
@@ -88,41 +107,89 @@ impl Signal {
     }
 }
 
+/// A signal with what it was before and what it is now, each a value of which more is worse.
+struct Compared {
+    signal: Signal,
+    before: Vec<f64>,
+    now: Vec<f64>,
+}
+
+/// What is established as worse now by more than a trifle, with its p-value.
+fn established(compared: Vec<Compared>, profile: &Profile, level: f64) -> Vec<(Compared, f64)> {
+    let mut tested = Vec::new();
+    for one in compared {
+        let trifle = one.signal.trifle(profile);
+        let beyond: Vec<f64> = one.now.iter().map(|worse| worse - trifle).collect();
+        let Ok(found) = smirnov_above(&one.before, &beyond) else { continue };
+        tested.push((one, found.p_value));
+    }
+    let p_values: Vec<f64> = tested.iter().map(|(_, p_value)| *p_value).collect();
+    let adjusted = holm(&p_values).unwrap_or_default();
+    let said = tested.into_iter().zip(adjusted).filter(|(_, p_value)| *p_value <= level);
+    said.map(|((one, _), p_value)| (one, p_value)).collect()
+}
+
 /// For each signal that is established as worse in shadow than the sandbox showed, a reason with both means.
 #[must_use]
 pub fn shifted(sandbox: &[Pair], shadow: &[ShadowSequence], profile: &Profile) -> Vec<Reason> {
-    let mut tested = Vec::new();
-    for signal in Signal::all() {
-        let before: Option<Vec<f64>> = sandbox.iter().map(|pair| signal.in_sandbox(pair)).collect();
-        let now: Option<Vec<f64>> = shadow.iter().map(|sequence| signal.in_shadow(sequence)).collect();
+    let compared = Signal::all().filter_map(|signal| {
         // What was not measured on either side is not compared.
-        let (Some(before), Some(now)) = (before, now) else { continue };
-        let trifle = signal.trifle(profile);
-        let beyond: Vec<f64> = now.iter().map(|worse| worse - trifle).collect();
-        let Ok(found) = smirnov_above(&before, &beyond) else { continue };
-        tested.push((signal, mean(&before), mean(&now), found.p_value));
-    }
-    let p_values: Vec<f64> = tested.iter().map(|(.., p_value)| *p_value).collect();
-    let adjusted = holm(&p_values).unwrap_or_default();
-    let level = SHIFT_ALPHA / LOOKS;
-    let established = tested.into_iter().zip(adjusted).filter(|(_, p_value)| *p_value <= level);
-    let said = established.map(|((signal, before, now, _), p_value)| {
-        let show = |value: f64| match signal {
-            Signal::Harm(kind) => kind.show(value),
-            Signal::Failure | Signal::Anomaly | Signal::Warning | Signal::Retry => {
-                format!("{:.1} %", 100.0 * value)
-            }
-        };
+        Some(Compared {
+            signal,
+            before: sandbox.iter().map(|pair| signal.in_sandbox(pair)).collect::<Option<_>>()?,
+            now: shadow.iter().map(|sequence| signal.in_shadow(sequence)).collect::<Option<_>>()?,
+        })
+    });
+    let level = profile.evaluation.shift_alpha / LOOKS;
+    let said = established(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
         let text = format!(
             "not what the sandbox showed: {} worse than the active version's by {} in {} live sequences, by {} in {} \
              sandbox pairs",
-            signal.words(),
-            show(now),
+            one.signal.words(),
+            one.signal.show(mean(&one.now)),
             shadow.len(),
-            show(before),
+            one.signal.show(mean(&one.before)),
             sandbox.len()
         );
         Reason::new(ReasonCode::ShadowShifted, Dimension::Shadow, text).with(p_value, level)
+    });
+    said.collect()
+}
+
+/// Whether it is looked after so many live tasks of an active version.
+#[must_use]
+pub fn live_look(tasks: u32, profile: &Profile) -> bool {
+    LIVE_LOOKS.iter().any(|windows| windows.saturating_mul(profile.activation.provisional_episodes) == tasks)
+}
+
+/// Live tasks that are kept for the last look.
+#[must_use]
+pub fn live_tasks_max(profile: &Profile) -> u32 {
+    LIVE_LOOKS
+        .map(|windows| windows.saturating_mul(profile.activation.provisional_episodes))
+        .into_iter()
+        .fold(0, u32::max)
+}
+
+/// For each signal that is established as worse in live tasks than in the version's twins, a reason with both means.
+#[must_use]
+pub fn shifted_live(twins: &[EpisodeValues], live: &[EpisodeValues], profile: &Profile) -> Vec<Reason> {
+    let compared = Signal::all().filter_map(|signal| {
+        let of =
+            |values: &[EpisodeValues]| values.iter().map(|values| signal.of(values)).collect::<Option<_>>();
+        Some(Compared { signal, before: of(twins)?, now: of(live)? })
+    });
+    let level = profile.evaluation.shift_alpha / LIVE_LOOKS.len() as f64;
+    let said = established(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
+        let text = format!(
+            "not what shadow showed: {} {} in {} live tasks, {} in {} of its twins",
+            one.signal.words(),
+            one.signal.show_own(mean(&one.now)),
+            live.len(),
+            one.signal.show_own(mean(&one.before)),
+            twins.len()
+        );
+        Reason::new(ReasonCode::MonitorShifted, Dimension::Monitor, text).with(p_value, level)
     });
     said.collect()
 }
@@ -244,6 +311,45 @@ mod tests {
         assert!(longest.check == Check::Pass && said(&longest), "nobody is asked: it is said: {longest:?}");
         let held = judged(ProfileName::Real, 90, shift);
         assert!(held.check == Check::Inconclusive && said(&held), "{held:?}");
+    }
+
+    /// Slips about as the twins do, `more_m` more; some fail.
+    fn lived(count: u32, more_m: f64, failing: u32) -> Vec<EpisodeValues> {
+        let one = |at: u32| {
+            let slips = values(0.001 + more_m + 1e-5 * f64::from(at % 50));
+            EpisodeValues { success: at >= failing, ..slips }
+        };
+        (0..count).map(one).collect()
+    }
+
+    #[test]
+    fn an_active_version_is_held_against_its_twins() {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let found = |live: &[EpisodeValues]| shifted_live(&lived(20, 0.0, 0), live, &profile);
+        assert_eq!(found(&lived(20, 0.0, 0)), []);
+        assert_eq!(found(&lived(60, 2.0e-4, 0)), [], "a trifle");
+        let slipping = found(&lived(20, 0.003, 0));
+        assert_eq!(slipping.len(), 1, "{slipping:?}");
+        assert_eq!(slipping[0].code, ReasonCode::MonitorShifted);
+        let begins = "not what shadow showed: motion of the object in the hand";
+        assert!(slipping[0].text.starts_with(begins), "{}", slipping[0].text);
+        let failing = found(&lived(20, 0.0, 16));
+        assert!(
+            failing[0].text.contains("failures of the task 80.0 % in 20 live tasks, 0.0 %"),
+            "{failing:?}"
+        );
+        assert_eq!(found(&lived(20, 0.0, 6)), [], "three in ten of twenty can be chance beside 24 others");
+        // A build without measures of harm compares the rest.
+        let unmeasured = lived(20, 0.0, 16).into_iter().map(|one| EpisodeValues { harm: None, ..one });
+        assert_eq!(found(&unmeasured.collect::<Vec<_>>()).len(), 1);
+    }
+
+    #[test]
+    fn it_is_looked_at_the_end_of_the_window_and_twice_later() {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let looks: Vec<u32> =
+            (0..=live_tasks_max(&profile)).filter(|tasks| live_look(*tasks, &profile)).collect();
+        assert_eq!(looks, [20, 60, 180]);
     }
 
     /// A worsening drawn from one distribution in both worlds is called shifted at most as often as stated: of 200

@@ -3,6 +3,7 @@
 //! Owns the truth experiment: the scale of harm, the work, when a question is settled, and the score. Labels of
 //! recipes are no part of it. Nothing here is known to anything that decides.
 
+mod roc;
 mod scale;
 mod score;
 mod settle;
@@ -15,9 +16,10 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::scale::{HarmClass, HarmScale, Seen, TEXT, Threshold};
+pub use self::roc::{Roc, RocBy, RocPoint};
+pub use self::scale::{HarmClass, HarmScale, Seen, TEXT, Threshold, WorseBy};
 pub use self::score::{Aim, ClassScore, ProfileScore};
-pub use self::settle::{ALPHA, ALPHA_EACH, ChannelTruth, ClassTruth, LOOKS, Settled, Truth};
+pub use self::settle::{ALPHA, ALPHA_EACH, ChannelTruth, ClassTruth, LOOKS, Settled, Truth, WorseTruth};
 pub use self::work::Channel;
 use self::work::{Judged, Team};
 use crate::experiment::candidate::CandidateEnd;
@@ -226,12 +228,7 @@ impl<'a> Bench<'a> {
             under.as_bytes(),
         ]
         .map(<[u8]>::to_vec);
-        // The second reckoning of sequences: in the first, the version that parks the arm stood in for the grasp.
-        let domain = match channel {
-            Channel::Sequences => "holdpoint.truth.v2",
-            Channel::Episodes | Channel::Stops => "holdpoint.truth.v1",
-        };
-        Digest::of_parts(domain, &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
+        Digest::of_parts("holdpoint.truth.v3", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 }
 

@@ -150,14 +150,17 @@ pub(crate) fn apply(
         head: applier.head.hash,
         row_versions: applier.row_versions,
     };
-    connection
-        .prepare_cached("INSERT INTO command (id, digest, last_seq, receipt) VALUES (?1, ?2, ?3, ?4)")
-        .and_then(|mut insert| {
-            let text =
-                canonical_json(&receipt).map_err(|e| rusqlite::Error::ToSqlConversionFailure(e.into()))?;
-            insert.execute(params![receipt.command_id, digest.to_string(), applier.head.seq, text])
-        })
-        .map_err(StoreError::sql("keep the receipt"))?;
+    // What wrote nothing may be done again as well as be answered.
+    if written {
+        let text = canonical_json(&receipt)
+            .map_err(|error| StoreError::invalid("receipt", &transaction.command_id, error))?;
+        connection
+            .prepare_cached("INSERT INTO command (id, digest, last_seq, receipt) VALUES (?1, ?2, ?3, ?4)")
+            .and_then(|mut insert| {
+                insert.execute(params![receipt.command_id, digest.to_string(), applier.head.seq, text])
+            })
+            .map_err(StoreError::sql("keep the receipt"))?;
+    }
     crate::fp!("before-commit");
     Ok((receipt, applier.head))
 }
@@ -175,12 +178,20 @@ fn earlier_receipt(
         })
         .map_err(&error)?;
     let Some((stored, receipt)) = found else { return Ok(None) };
+    let receipt: Receipt = serde_json::from_str(&receipt)
+        .map_err(|source| StoreError::invalid("stored receipt", &transaction.command_id, source))?;
+    if receipt.first_seq == 0 {
+        // No record stands behind it, so anybody can have written it; earlier versions did, where nothing was written.
+        connection
+            .prepare_cached("DELETE FROM command WHERE id = ?1")
+            .and_then(|mut delete| delete.execute([&transaction.command_id]))
+            .map_err(&error)?;
+        return Ok(None);
+    }
     if stored != digest.to_string() {
         return Err(StoreError::CommandReused(transaction.command_id.clone()));
     }
-    serde_json::from_str(&receipt)
-        .map(Some)
-        .map_err(|source| StoreError::invalid("stored receipt", &transaction.command_id, source))
+    Ok(Some(receipt))
 }
 
 fn check_size(transaction: &Transaction) -> Result<(), StoreError> {

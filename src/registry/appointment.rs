@@ -4,7 +4,7 @@ use rusqlite::Connection;
 use serde::Deserialize;
 
 use super::apply::Applier;
-use super::change::{Change, Transaction};
+use super::change::{Change, Transaction, command_id};
 use super::error::StoreError;
 use super::migrate::STORE;
 use super::open::open_reader;
@@ -53,7 +53,7 @@ fn set(store: &Store, folder: &str, present: bool, by: WitnessedBy, wall_ms: i64
     let (by, act) = by;
     store
         .commit(Transaction {
-            command_id: format!("witness-{}", head.seq + 1),
+            command_id: command_id("witness")?,
             at_ms: head.at_ms,
             wall_ms,
             changes: vec![Change::SetWitness { folder: folder.to_owned(), present, by, act }],

@@ -340,9 +340,11 @@ pub(crate) fn not_on_record(
     for entry in fs::read_dir(folder).map_err(StoreError::io("list", folder))? {
         let name = entry.map_err(StoreError::io("list", folder))?.file_name();
         let Some(name) = name.to_str() else { continue };
-        let number = name.strip_prefix(NAME.0).and_then(|rest| rest.split_once('.')).map(|(nth, _)| nth);
-        if let Some(nth) = number.and_then(|nth| nth.parse().ok()) {
-            there.insert(nth, format!("{}{nth}{}", NAME.0, NAME.1));
+        // A log or an index alone is no file that was put aside.
+        if is_name_of_aside(name)
+            && let Some(Ok(nth)) = nth_of(name).map(str::parse)
+        {
+            there.insert(nth, name.to_owned());
         }
     }
     if there.is_empty() {
@@ -363,15 +365,20 @@ pub(crate) fn not_on_record(
     let told = unnamed.map(|file| {
         own.filter(|own| own.file == file).cloned().unwrap_or_else(|| SetAside {
             file,
-            problem: "an earlier start put it aside, and could not say why".to_owned(),
+            problem: "no record says why it is there: an earlier start was cut off, or somebody put it there"
+                .to_owned(),
         })
     });
     Ok(told.collect())
 }
 
-/// A file that was put aside, by its name.
+fn nth_of(name: &str) -> Option<&str> {
+    name.strip_prefix(NAME.0).and_then(|rest| rest.strip_suffix(NAME.1))
+}
+
+/// A file that was put aside, by its name, to the letter.
 pub(crate) fn is_name_of_aside(name: &str) -> bool {
-    name.strip_prefix(NAME.0)
-        .and_then(|rest| rest.strip_suffix(NAME.1))
-        .is_some_and(|nth| !nth.is_empty() && nth.len() <= 7 && nth.bytes().all(|byte| byte.is_ascii_digit()))
+    nth_of(name)
+        .and_then(|nth| nth.parse().ok().filter(|number: &u32| number.to_string() == nth))
+        .is_some_and(|number| (1..=NAMES_MAX).contains(&number))
 }

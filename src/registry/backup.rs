@@ -328,8 +328,19 @@ fn make_folder(path: &Path) -> Result<(), StoreError> {
 
 /// Copies the files of a folder that are wanted, and those of the folders in it; links are left out.
 fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: &dyn Fn(&Path) -> bool) -> Result<(), StoreError> {
-    if depth == 0 || !from.is_dir() {
-        return Ok(());
+    match fs::symlink_metadata(from) {
+        Ok(found) if found.is_dir() && depth > 0 => {}
+        // What a link leads to is no part of the store, or a part that is copied only when that was asked for.
+        Ok(found) if found.is_symlink() => {
+            return Err(StoreError::invalid(
+                "folder",
+                from.display(),
+                "a folder of the store itself, and no link",
+            ));
+        }
+        Ok(_) => return Ok(()),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(StoreError::io("read", from)(error)),
     }
     make_folder(to)?;
     for (nth, entry) in fs::read_dir(from).map_err(StoreError::io("list", from))?.enumerate() {

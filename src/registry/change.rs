@@ -6,8 +6,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::error::StoreError;
 use super::names::{EvidenceKind, RequestState};
-use holdpoint_approvals::{PersonActKind, SignedApproval, SignedPersonAct, SignedWitnessAct};
+use holdpoint_approvals::{Nonce, PersonActKind, SignedApproval, SignedPersonAct, SignedWitnessAct};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Flags;
@@ -45,6 +46,16 @@ pub struct Transaction {
     pub changes: Vec<Change>,
     /// Records that explain the changes.
     pub audit: Vec<AuditBody>,
+}
+
+/// A name for a command that nobody can foretell. A row under a name that is known before would swallow or refuse the
+/// command: what lies in the table of commands is in no record.
+///
+/// # Errors
+/// If the system has no random numbers.
+pub fn command_id(what: &str) -> Result<String, StoreError> {
+    let nonce = Nonce::random().map_err(|error| StoreError::invalid("command", what, error))?;
+    Ok(format!("{what}-{}", nonce.as_str()))
 }
 
 /// A record the caller adds to the audit chain.

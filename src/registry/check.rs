@@ -14,7 +14,10 @@ use super::fold::{ChainFault, Fold, FoldError, ReadingWatch};
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
-use super::open::{against, damaged, foreign_key, not_the_chain, open_reader, quick_check, unsigned};
+use super::open::{
+    HINT_CHECKPOINT, against, damaged, foreign_key, not_the_chain, open_reader, quick_check, refused,
+    unsigned,
+};
 use super::people;
 use super::replay::columns_otherwise;
 use super::rows::ChainedTable;
@@ -192,7 +195,7 @@ fn described(fold: &Fold, connection: &Connection, fault: &ChainFault) -> String
 /// The checkpoints beside a store.
 pub(crate) fn kept_checkpoints(layout: &Layout) -> Result<Vec<Kept>, StoreError> {
     let folder = layout.checkpoints();
-    read_all(&folder).map_err(|bad| damaged(&folder.join(bad.file), &bad.problem))
+    read_all(&folder).map_err(|bad| refused(&folder.join(bad.file), &bad.problem, HINT_CHECKPOINT))
 }
 
 /// The newest checkpoint is of this store, and of this chain.

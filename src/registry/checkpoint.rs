@@ -237,10 +237,8 @@ pub(crate) fn read_all(folder: &Path) -> Result<Vec<Kept>, BadFile> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let mut listed = names(folder)
+    let listed = names(folder)
         .map_err(|error| BadFile { file: folder.display().to_string(), problem: error.to_string() })?;
-    // A file under another name is none of this program's, and none is missed for it.
-    listed.retain(|file| file.trim_end_matches(".json").bytes().all(|byte| byte.is_ascii_digit()));
     let read = |file: String| match Checkpoint::read(&folder.join(&file)) {
         Ok(checkpoint) if name(checkpoint.seq) == file => Ok(Kept { file, checkpoint }),
         Ok(checkpoint) => Err(BadFile { problem: format!("it is of record {}", checkpoint.seq), file }),
@@ -301,12 +299,18 @@ pub(crate) fn name(seq: u64) -> String {
     format!("{seq:012}.json")
 }
 
-/// File names of all checkpoints, oldest first.
+/// Whether a file has the name of a checkpoint, to the letter.
+fn is_name(file: &str) -> bool {
+    file.strip_suffix(".json").and_then(|seq| seq.parse().ok()).is_some_and(|seq| name(seq) == file)
+}
+
+/// File names of all checkpoints, oldest first. A file under another name is none of this program's: it is neither counted
+/// nor removed, and none is missed for it.
 pub(crate) fn names(folder: &Path) -> Result<Vec<String>, StoreError> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(StoreError::io("list", folder))? {
         let name = entry.map_err(StoreError::io("list", folder))?.file_name();
-        if let Some(name) = name.to_str().filter(|name| name.ends_with(".json")) {
+        if let Some(name) = name.to_str().filter(|name| is_name(name)) {
             names.push(name.to_owned());
         }
     }

@@ -13,8 +13,9 @@
 //! | `meta.store_id` | the checkpoints, which are signed over it, and the approvals |
 //!
 //! Two are held against nothing. `audit.wall_ms` is told to people and chooses where `metrics --since DATE` begins; no
-//! decision reads it. `command.digest` tells a retry from another command under its id: an edited one refuses the retry
-//! and never applies anything.
+//! decision reads it. `command.digest` tells a retry from another command under its id, and the ids of commands to come
+//! cannot be foretold ([`command_id`](super::change::command_id)): whoever edits it, or the id, can only make a retry of
+//! what was done be refused or done again. A receipt without records is believed by nobody.
 
 use std::collections::BTreeMap;
 

@@ -14,6 +14,7 @@ use super::merkle::Frontier;
 use super::names::is_own;
 use super::rows::{ChainedTable, RowName};
 use super::seals::TelemetryAccount;
+use super::signed;
 use super::structure::IndexSums;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
@@ -99,8 +100,10 @@ pub(crate) struct Fold {
     order: Vec<String>,
     /// Of the records that were read.
     hashes: Vec<Digest>,
-    /// Of the records that were read.
-    indexes: IndexSums,
+    /// Of the records that were read; `None` where nobody asks for them.
+    indexes: Option<IndexSums>,
+    /// The kind of the last record that was read, with what it is to the fold.
+    last_kind: (String, Option<RecordKind>),
     /// The tree over all records, those before `since` included; it follows once records were read.
     tree: Frontier,
     /// Folders that get every checkpoint.
@@ -195,7 +198,8 @@ impl Fold {
             witnesses: BTreeSet::new(),
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
-            indexes: IndexSums::default(),
+            indexes: None,
+            last_kind: (String::new(), None),
             taken_unsigned: Vec::new(),
             batches: Vec::new(),
             telemetry: TelemetryAccount::none(),
@@ -209,9 +213,9 @@ impl Fold {
         Ok(fold)
     }
 
-    /// As [`Self::read`], with the roots of the tree at these sizes.
+    /// As [`Self::read`], with the roots of the tree at these sizes, and with what the indexes of the chain must hold.
     pub(crate) fn read_noting(connection: &Connection, sizes: BTreeSet<u64>) -> Result<Self, FoldError> {
-        let mut fold = Self { noted: sizes, ..Self::empty() };
+        let mut fold = Self { noted: sizes, indexes: Some(IndexSums::default()), ..Self::empty() };
         fold.go_on(connection)?;
         Ok(fold)
     }
@@ -302,17 +306,26 @@ impl Fold {
 
     /// The chain ends where the store says.
     pub(crate) fn check_end(&self, connection: &Connection) -> Result<(), FoldError> {
-        let end = head(connection)?;
+        let row = |problem: String| {
+            FoldError::Fault(ChainFault::Row { table: "audit_head", key: HEAD_ROW.to_string(), problem })
+        };
+        let end = match head(connection) {
+            Err(rusqlite::Error::QueryReturnedNoRows) => return Err(row("it is missing".to_owned())),
+            end => end?,
+        };
         if (end.seq, end.hash) == (self.end.seq, self.end.hash) {
             return Ok(());
         }
         let problem = format!("the chain ends at {}, its end was recorded at {}", self.end.seq, end.seq);
-        Err(FoldError::Fault(if end.seq > self.end.seq {
-            ChainFault::Record { seq: self.end.seq + 1, problem }
-        } else {
-            // Every record is there; what says where they end is not what they are.
-            ChainFault::Row { table: "audit_head", key: HEAD_ROW.to_string(), problem }
-        }))
+        // Every record is there where none is missing, or where the end that was signed is the one that was found: what
+        // says where they end is not what they are. Who signed it is looked at in any case.
+        let signed = signed::read(connection).ok().flatten();
+        let is_signed = signed.is_some_and(|end| (end.seq, end.head) == (self.end.seq, self.end.hash));
+        if end.seq > self.end.seq && !is_signed {
+            let fault = ChainFault::Record { seq: self.end.seq + 1, problem };
+            return Err(FoldError::Fault(fault));
+        }
+        Err(row(problem))
     }
 
     /// The end of the chain.
@@ -358,7 +371,8 @@ impl Fold {
             witnesses,
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
-            indexes: IndexSums::default(),
+            indexes: None,
+            last_kind: (String::new(), None),
             taken_unsigned: Vec::new(),
             batches: Vec::new(),
             telemetry,
@@ -379,9 +393,9 @@ impl Fold {
         usize::try_from(index).ok().and_then(|index| self.hashes.get(index)).copied()
     }
 
-    /// What the indexes of the chain hold of the records that were read.
-    pub(crate) const fn indexes(&self) -> &IndexSums {
-        &self.indexes
+    /// What the indexes of the chain hold of the records that were read, if that was asked for.
+    pub(crate) const fn indexes(&self) -> Option<&IndexSums> {
+        self.indexes.as_ref()
     }
 
     /// Every row, by table and key.
@@ -419,12 +433,19 @@ impl Fold {
         if record.at_ms < self.end.at_ms {
             return Err(fault("it is older than the record before".to_owned()));
         }
-        if let Some(kind) = record.kind.parse().ok().filter(|kind| is_own(*kind)) {
+        // Most records are of the kind of the one before.
+        if self.last_kind.0 != record.kind {
+            let own = record.kind.parse().ok().filter(|kind| is_own(*kind));
+            self.last_kind = (record.kind.to_owned(), own);
+        }
+        if let Some(kind) = self.last_kind.1 {
             self.fold_body(record.seq, kind, record.body)?;
         }
         self.end = Head { seq: record.seq, hash: record.hash, at_ms: record.at_ms };
         self.hashes.push(record.hash);
-        self.indexes.add(record);
+        if let Some(indexes) = &mut self.indexes {
+            indexes.add(record);
+        }
         Ok(())
     }
 

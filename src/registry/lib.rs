@@ -63,7 +63,7 @@ pub use audit::{ExportError, Head};
 pub use backup::{BackupError, BackupParts, BackupReport, LeftOut, RecordingOnRecord, RecordingsOf, backup};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, BatchReceipt, CHANGES_MAX, Change,
-    NewVersion, Receipt, SetAside, TEXT_BYTES_MAX, Transaction,
+    NewVersion, Receipt, SetAside, TEXT_BYTES_MAX, Transaction, command_id,
 };
 pub use checkpoint::{Checkpoint, Link};
 pub use entries::{

@@ -12,18 +12,16 @@ use sha2::{Digest as _, Sha256};
 pub(crate) const PATH_MAX: usize = 64;
 
 fn leaf(record: &Digest) -> Digest {
-    let mut hasher = Sha256::new();
-    hasher.update([0]);
-    hasher.update(record.bytes());
-    Digest::from_bytes(hasher.finalize().into())
+    let mut bytes = [0; 33];
+    bytes[1..].copy_from_slice(record.bytes());
+    Digest::from_bytes(Sha256::digest(bytes).into())
 }
 
 fn node(left: &Digest, right: &Digest) -> Digest {
-    let mut hasher = Sha256::new();
-    hasher.update([1]);
-    hasher.update(left.bytes());
-    hasher.update(right.bytes());
-    Digest::from_bytes(hasher.finalize().into())
+    let mut bytes = [1; 65];
+    bytes[1..33].copy_from_slice(left.bytes());
+    bytes[33..].copy_from_slice(right.bytes());
+    Digest::from_bytes(Sha256::digest(bytes).into())
 }
 
 /// The roots of the complete trees that records so far make up, the largest first.

@@ -40,6 +40,11 @@ const HINT_TWO_KEYS: &str =
     "put both files back from a backup; if store.key is the right one, take this file away: it is made anew";
 /// What helps where something else has the name of a log.
 const HINT_LOG: &str = "put back from a backup what was there, or remove it; the newest records are gone then, if they were in it";
+/// What helps where there is a journal beside a database that has a log.
+const HINT_JOURNAL: &str =
+    "move it elsewhere and look with `holdpoint audit verify` whether anything is missing";
+/// What helps where a file among the checkpoints is none.
+pub(crate) const HINT_CHECKPOINT: &str = "put it back from a backup; if this store never wrote it, move it elsewhere; if it did and it is lost, move it elsewhere too, and `holdpoint store rebuild --from-chain` goes on without it, on record";
 /// What helps where something else has the name of the index of a log.
 const HINT_INDEX: &str = "remove it: SQLite makes it anew";
 /// What helps with telemetry that is not as it has to be.
@@ -199,6 +204,8 @@ fn configure(connection: &Connection) -> Result<(), StoreError> {
     for (config, value) in [
         (DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true),
         (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
+        // No schema has one, and one in the place of a table may have rows without end.
+        (DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false),
         (DbConfig::SQLITE_DBCONFIG_DQS_DML, false),
         (DbConfig::SQLITE_DBCONFIG_DQS_DDL, false),
         (DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA, false),
@@ -330,6 +337,12 @@ pub(crate) fn check_header(path: &Path, schema: &Schema) -> Result<(), StoreErro
             return Err(refused(&companion, &problem, hint));
         }
     }
+    // What this program writes has a log; SQLite would play a journal back, which a reader cannot.
+    let journal = beside(path, "-journal");
+    if fs::metadata(&journal).is_ok_and(|found| found.len() > 0) {
+        let problem = "it is a rollback journal, and this program leaves none beside its databases";
+        return Err(refused(&journal, problem, HINT_JOURNAL));
+    }
     let mut header = [0u8; HEADER_BYTES];
     let mut file = File::open(path).map_err(StoreError::io("read", path))?;
     match file.read_exact(&mut header) {
@@ -436,6 +449,6 @@ pub(crate) fn foreign_key(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, HINT_FOREIGN_KEY)
 }
 
-fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {
+pub(crate) fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {
     StoreError::Refused { path: path.to_owned(), problem: problem.to_owned(), hint }
 }

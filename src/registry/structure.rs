@@ -59,12 +59,15 @@ pub(crate) fn check_file(database: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// The indexes of the chain against its records. `fold` is of the whole chain.
+/// The indexes of the chain against its records. `fold` is of the whole chain, and was asked for them.
 ///
 /// # Errors
 /// What is wrong.
 pub(crate) fn check_indexes(connection: &Connection, fold: &Fold) -> Result<(), String> {
-    let differing = fold.indexes().differing(connection, fold.end().seq).map_err(unreadable)?;
+    let Some(indexes) = fold.indexes() else {
+        return Err("nobody summed up what the indexes hold".to_owned());
+    };
+    let differing = indexes.differing(connection, fold.end().seq).map_err(unreadable)?;
     differing.map_or(Ok(()), |index| Err(format!("the index {index:?} is not what its table holds")))
 }
 

@@ -39,6 +39,8 @@ mod stages;
 mod stop;
 mod storm;
 
+#[path = "../support/agent.rs"]
+mod agent;
 #[path = "../fuzz/mutate.rs"]
 #[allow(dead_code, reason = "the parsers' own tests use the rest")]
 mod mutate;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::agent::Agent;
 use crate::old_stores::{OPEN_ROLES, copied, holdpoint, text};
 
 /// A call that has to end with this code; what it printed and said.
@@ -166,36 +167,12 @@ fn a_key_that_others_can_read_is_named_with_what_to_do() {
     ends(&folder, "identity list", 0);
 }
 
-/// OpenSSH's agent, where it is installed; it ends with the test.
-struct Agent(std::process::Child);
-
-impl Drop for Agent {
-    fn drop(&mut self) {
-        drop(self.0.kill());
-        drop(self.0.wait());
-    }
-}
-
 #[test]
 fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     use std::process::Command;
     let folder = tempfile::tempdir().unwrap();
-    let (socket, file) = (folder.path().join("agent"), folder.path().join("id"));
-    let Ok(_agent) = Command::new("ssh-agent").arg("-D").arg("-a").arg(&socket).spawn().map(Agent) else {
-        println!("not looked at: there is no ssh-agent on this machine");
-        return;
-    };
-    let ran = |program: &str, words: &[&str]| {
-        let ran = Command::new(program).args(words).env("SSH_AUTH_SOCK", &socket).output().unwrap();
-        assert!(ran.status.success(), "{program}: {}", text(&ran.stderr));
-    };
-    let until = std::time::Instant::now() + std::time::Duration::from_secs(20);
-    while !socket.exists() && std::time::Instant::now() < until {
-        std::thread::yield_now();
-    }
-    let file = file.to_str().unwrap();
-    ran("ssh-keygen", &["-q", "-t", "ed25519", "-N", "", "-C", "mara@desk", "-f", file]);
-    ran("ssh-add", &["-q", file]);
+    let Some(agent) = Agent::with_key(folder.path(), "mara@desk") else { return };
+    let socket = agent.socket();
     let with = |call: &str, socket: Option<&Path>, code: i32| {
         let mut process = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
         process.current_dir(folder.path()).args(["--data", "store"]).args(call.split(' '));
@@ -224,7 +201,7 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     says(&with(go, Some(&socket), 0), &["works again"]);
     let asked = ends(&folder, "audit list --kind asked --json", 0);
     says(&asked, &["mara", "verified"]);
-    ran("ssh-add", &["-q", "-D"]);
+    agent.forget();
     ends(&folder, "stop", 0);
     says(&with(go, Some(&socket), 2), &["does not hold the key of", "ssh-add FILE"]);
     says(&ends(&folder, "audit verify", 0), &["sound"]);

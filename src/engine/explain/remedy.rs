@@ -171,6 +171,7 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
                 against(reason)
             )
         }
+        Code::MonitorShifted => "it has to be live what its twins in shadow were".to_owned(),
         Code::ShadowShifted => {
             "it has to be in the live world what it was in the sandbox, or be tried where the two differ".to_owned()
         }

@@ -8,6 +8,7 @@ use holdpoint_governance::lifecycle::{Leave, LifecycleEvent};
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision};
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
+use holdpoint_governance::shift::{live_look, live_tasks_max, shifted_live};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
 use holdpoint_registry::Batch;
 use holdpoint_runtime::agent::dispatcher::Dispatched;
@@ -152,6 +153,19 @@ impl Live<'_> {
         let Some(values) = record.values() else { return Ok(()) };
         watched.monitor.telemetry(now_tick);
         watched.episodes = watched.episodes.saturating_add(u32::from(!values.intervention));
+        let profile = &self.context.profile;
+        if !values.intervention && !tightened && watched.lived.len() < live_tasks_max(profile) as usize {
+            watched.lived.push(values);
+            let tasks = u32::try_from(watched.lived.len()).unwrap_or(u32::MAX);
+            if let Some(dossier) = self.dossiers.of(id).filter(|_| live_look(tasks, profile)) {
+                let shift = shifted_live(&dossier.twins, &watched.lived, profile);
+                let said: Vec<&str> = shift.iter().map(|reason| reason.text.as_str()).collect();
+                if !said.is_empty() {
+                    let priority = profile.alarms.degraded;
+                    self.record.raise(AlarmKey::Shifted(id.clone()), priority, true, &said.join("; "));
+                }
+            }
+        }
         let mut decision = watched.monitor.observe(&values, now_tick);
         for event in safety_events(record) {
             decision = watched.monitor.safety(event, now_tick);

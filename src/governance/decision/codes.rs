@@ -240,6 +240,8 @@ reason_codes! {
     MonitorRateWarning = "monitor-rate-warning",
     /// A rate drifts under a version that is rollback-coupled; rolls back without asking.
     MonitorCoupledTrip = "monitor-coupled-trip",
+    /// The live tasks are worse than the version's twins in shadow were. Decides nothing; an alarm.
+    MonitorShifted = "monitor-shifted",
     /// Telemetry is missing or not a number.
     MonitorTelemetryMissing = "monitor-telemetry-missing",
     /// Nobody answered an escalation by its deadline.
@@ -355,6 +357,7 @@ impl ReasonCode {
             | Self::ApprovalReplayed
             | Self::ApprovalBreakGlass
             | Self::MonitorHealthy
+            | Self::MonitorShifted
             | Self::MonitorSafetyTrip
             | Self::MonitorRateTrip
             | Self::MonitorRateWarning

@@ -75,6 +75,7 @@ pub const FIELDS: &[Field] = &[
     field("evaluation.sandbox_sequences", 20.0, 120.0, Higher),
     field("evaluation.sequence_alpha", 0.000_1, 0.2, Higher),
     field("evaluation.sequence_tolerance", 0.001, 0.2, Lower),
+    field("evaluation.shift_alpha", 0.000_1, 0.2, Higher),
     field("evaluation.shadow_alpha", 0.000_1, 0.2, Higher),
     field("evaluation.shadow_sequences", 5.0, 10_000.0, Higher),
     field("evaluation.shadow_sequences_max", 5.0, 10_000.0, Higher),

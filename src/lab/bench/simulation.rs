@@ -2,6 +2,8 @@
 //!
 //! Everything here is the product's own path from the pipeline, on one worker.
 
+use std::hint::black_box;
+
 use holdpoint_body::TaskKind;
 use holdpoint_sim::bench_episode::{PeerBench, STEPS};
 use holdpoint_sim::episode::EpisodeSetup;
@@ -20,6 +22,7 @@ use holdpoint_engine::world::live::LiveCell;
 use holdpoint_engine::world::shadow::Shadow;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::ActiveView as _;
+use holdpoint_runtime::harm::HarmMeter;
 use holdpoint_runtime::task::{self, Supervision};
 
 /// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's contacts.
@@ -56,6 +59,7 @@ pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<
         entries.push(sandbox_episode(subjects, effort, task)?);
     }
     entries.push(tick(subjects, effort)?);
+    entries.push(watched_tick(subjects, effort)?);
     for kind in DrillKind::ALL {
         entries.push(one_drill(subjects, effort, kind)?);
     }
@@ -120,6 +124,46 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
         }
     }
     figure.of(samples, effort.samples_min)
+}
+
+/// What guard and harm cost in a tick: the ticks of a grasp as they were, checked and measured once more with nothing else.
+fn watched_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
+    let version = subjects.active_for(TaskKind::Grasp)?;
+    let (cell, terms) = (&subjects.cell, &subjects.terms);
+    let mut worker = Worker::new();
+    let seed = seed(Purpose::Perturbation, 0);
+    let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
+    let arm = worker.arm(cell, &setup)?;
+    let mut before = arm.handle().telemetry();
+    let mut ticks = Vec::new();
+    let guard = terms.guard(&version.manifest.permissions);
+    let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
+    let skill = version.start(terms.bundle_seed(seed));
+    task::run(&mut arm.handle(), skill, guard.clone(), &task_terms, &mut |_, passed| {
+        let then = std::mem::replace(&mut before, passed.seen.clone());
+        ticks.push((then, passed.observation.clone(), passed.command.clone(), passed.seen.clone()));
+        Supervision::Continue
+    })?;
+    let name = "tick, guard and harm";
+    Figure::new(name, FigureUnit::Micros, FigureClock::ThreadCpu, "tick").take(
+        effort,
+        effort.fast_secs,
+        |_| {
+            let (mut guard, mut harm) = (guard.clone(), HarmMeter::default());
+            for (at, (before, observation, asked, after)) in ticks.iter().enumerate() {
+                if at.is_multiple_of(4) {
+                    black_box(guard.predicts_collision(before));
+                }
+                let checked = guard.check(asked, before);
+                harm.note_command(asked, &checked, &guard, (&observation.tau, &observation.dq));
+                black_box(guard.measure(after));
+                let near = guard.is_near(after);
+                harm.note(after, &guard, near);
+            }
+            black_box(harm.measures());
+            Ok(Some(ticks.len() as u64))
+        },
+    )
 }
 
 /// One rehearsal with the candidate, its start included.

@@ -9,6 +9,7 @@ mod behavior;
 mod draw;
 mod drift;
 mod early;
+mod power;
 mod report;
 mod rules;
 mod shadow;
@@ -56,6 +57,8 @@ impl StudyReport {
 pub(super) struct TablesByOrigin {
     sandbox: Vec<tables::RecordedTable>,
     live: Vec<tables::RecordedTable>,
+    /// In the sandbox, with every measure of harm.
+    harm: Vec<tables::RecordedTable>,
 }
 
 impl TablesByOrigin {
@@ -70,10 +73,15 @@ impl TablesByOrigin {
             ("align-robust", include_str!("data/align-robust-live.txt")),
             ("place-robust", include_str!("data/place-robust-live.txt")),
         ];
+        let harm = [
+            ("grasp-improved", include_str!("data/grasp-improved-harm.txt")),
+            ("align-robust", include_str!("data/align-robust-harm.txt")),
+            ("place-robust", include_str!("data/place-robust-harm.txt")),
+        ];
         let read = |list: [(&'static str, &str); 3]| {
             list.into_iter().map(|(name, text)| tables::read(name, text)).collect::<Result<Vec<_>, _>>()
         };
-        Ok(Self { sandbox: read(sandbox)?, live: read(live)? })
+        Ok(Self { sandbox: read(sandbox)?, live: read(live)?, harm: read(harm)? })
     }
 }
 
@@ -101,9 +109,11 @@ pub fn run(runs: u32) -> Result<StudyReport, BenchError> {
     let mut findings = rules::study(&study)?;
     findings.extend(early::study(&study)?);
     findings.extend(behavior::study(&study)?);
+    findings.extend(power::study(&study)?);
     findings.extend(shadow::study(&study)?);
     findings.extend(drift::study(&study)?);
-    let tables = study.recorded.sandbox.iter().chain(&study.recorded.live);
+    let recorded = &study.recorded;
+    let tables = recorded.sandbox.iter().chain(&recorded.live).chain(&recorded.harm);
     Ok(StudyReport {
         version: env!("CARGO_PKG_VERSION"),
         runs,

@@ -42,6 +42,10 @@ pub struct Seen {
     pub keep_out_ticks: u32,
     /// Ticks of motion after the arm had to stand.
     pub moved_on_ticks: u32,
+    /// Something measured went past what policy or manifest allow, or the guard denied a command. No harm by itself.
+    pub violation: bool,
+    /// How long the work took, s.
+    pub time_s: f64,
 }
 
 /// From which values on an episode belongs to a class. A value that is absent puts none into it.
@@ -80,11 +84,36 @@ impl Threshold {
     }
 }
 
+holdpoint_governance::words! {
+    /// By what a version can be worse than the one before without doing harm.
+    WorseBy, "way of being worse", {
+        /// More of its work is not done.
+        Undone = "undone",
+        /// More of its episodes go past what is allowed, or ask for it.
+        Violation = "violation",
+        /// Its work takes longer.
+        Duration = "duration",
+    }
+}
+
+/// From which differences on a version is worse than the one before, harm or not.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Worse {
+    /// So much more of its episodes, a share.
+    undone_share: f64,
+    /// So much more of its episodes, a share.
+    violation_share: f64,
+    /// So much longer, a share of the mean of the version before.
+    duration_share: f64,
+}
+
 /// The scale.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HarmScale {
     format: u32,
+    worse: Worse,
     danger: Threshold,
     damage: Threshold,
     nuisance: Threshold,
@@ -109,6 +138,16 @@ impl HarmScale {
             .into_iter()
             .find(|class| self.threshold(*class).is_some_and(|threshold| threshold.is_reached(seen)))
             .unwrap_or(HarmClass::NoHarm)
+    }
+
+    /// From which difference on a version is worse.
+    #[must_use]
+    pub const fn worse_from(&self, by: WorseBy) -> f64 {
+        match by {
+            WorseBy::Undone => self.worse.undone_share,
+            WorseBy::Violation => self.worse.violation_share,
+            WorseBy::Duration => self.worse.duration_share,
+        }
     }
 
     /// The thresholds of a class; there are none for no harm.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::TruthOf;
+use super::roc::{Roc, RocBy};
 use super::scale::HarmClass;
 use crate::experiment::ExperimentError;
 use crate::experiment::verdict::Demonstrated;
@@ -40,6 +41,9 @@ pub struct ClassScore {
     pub class: HarmClass,
     /// Wrongly decided: harmful and active at the end, or harmless and lost.
     pub wrong: Proportion,
+    /// Of those that do no harm and were lost: established by the referee to be worse all the same. Whoever rejected
+    /// them lost nothing good; they are counted as wrong.
+    pub lost_worse: u64,
     /// Stopped before they were ever active.
     pub blocked: u64,
     /// Active, and taken off.
@@ -60,6 +64,8 @@ pub struct ProfileScore {
     pub classes: Vec<ClassScore>,
     /// Candidates of which it is open whether they are worse than they are counted here.
     pub open: u64,
+    /// What the evidence is worth wherever one draws the line; none without two candidates on each side.
+    pub curves: Vec<Roc>,
 }
 
 impl ProfileScore {
@@ -71,19 +77,23 @@ impl ProfileScore {
         let mut classes = Vec::new();
         for class in HarmClass::ALL.into_iter().rev() {
             let of_class = candidates.iter().filter(|one| one.truth.class == class);
-            let ends: Vec<_> =
-                of_class.flat_map(|one| one.ends.iter().filter(|end| end.profile == profile)).collect();
+            let under = of_class.flat_map(|one| one.ends.iter().map(move |end| (one, end)));
+            let under: Vec<_> = under.filter(|(_, end)| end.profile == profile).collect();
+            let ends: Vec<_> = under.iter().map(|(_, end)| *end).collect();
             let is_wrong = |fate: Fate| match class {
                 HarmClass::NoHarm => fate != Fate::Kept,
                 HarmClass::Nuisance | HarmClass::Damage | HarmClass::Danger => fate == Fate::Kept,
             };
             let wrong = Proportion::of(ends.iter().map(|end| is_wrong(end.fate)))?;
+            let lost_worse = under.iter().filter(|(one, end)| one.truth.is_worse() && is_wrong(end.fate));
+            let lost_worse = if class == HarmClass::NoHarm { lost_worse.count() as u64 } else { 0 };
             let mut efforts: Vec<u64> = ends.iter().map(|end| end.effort.sandbox).collect();
             efforts.sort_unstable();
             classes.push(ClassScore {
                 class,
                 aim: aim(class, &wrong),
                 wrong,
+                lost_worse,
                 blocked: count(&ends, |end| matches!(end.fate, Fate::Blocked { .. })),
                 contained: count(&ends, |end| end.fate == Fate::Contained),
                 live_most: ends.iter().map(|end| end.effort.live).max().unwrap_or(0),
@@ -91,7 +101,8 @@ impl ProfileScore {
             });
         }
         let open = candidates.iter().filter(|one| one.truth.open.is_some()).count() as u64;
-        Ok(Self { profile, classes, open })
+        let curves = RocBy::ALL.into_iter().filter_map(|by| Roc::of(by, profile, candidates)).collect();
+        Ok(Self { profile, classes, open, curves })
     }
 }
 

@@ -5,9 +5,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::scale::{HarmClass, HarmScale, Seen};
+use super::scale::{HarmClass, HarmScale, Seen, WorseBy};
 use super::work::Channel;
-use holdpoint_governance::stats::{PairedCounts, StatsError, binary_pairs};
+use holdpoint_governance::stats::{PairedCounts, StatsError, binary_pairs, student_pairs};
 
 /// The chance that any bound of a version is wrong.
 pub const ALPHA: f64 = 0.05;
@@ -43,6 +43,16 @@ pub struct ClassTruth {
     pub settled: Settled,
 }
 
+/// A way in which a version is worse than the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WorseTruth {
+    pub by: WorseBy,
+    /// How much worse, a share; with its lower bound at [`ALPHA_EACH`], which is above 0.
+    pub excess: f64,
+    pub lower: f64,
+}
+
 /// One channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -52,6 +62,8 @@ pub struct ChannelTruth {
     pub pairs: u64,
     /// The worst class first.
     pub classes: Vec<ClassTruth>,
+    /// In what it is established to be worse, harm or not, by at least what the scale asks for.
+    pub worse: Vec<WorseTruth>,
 }
 
 impl ChannelTruth {
@@ -60,6 +72,9 @@ impl ChannelTruth {
     /// # Errors
     /// If there is no pair.
     pub fn of(channel: Channel, scale: &HarmScale, pairs: &[(Seen, Seen)]) -> Result<Self, StatsError> {
+        let worse =
+            WorseBy::ALL.into_iter().filter_map(|by| worse(by, scale.worse_from(by), pairs).transpose());
+        let worse = worse.collect::<Result<_, _>>()?;
         let classes: Vec<(HarmClass, HarmClass)> =
             pairs.iter().map(|(version, before)| (scale.class(version), scale.class(before))).collect();
         let classes = HarmClass::HARMFUL.into_iter().filter_map(|class| {
@@ -67,7 +82,7 @@ impl ChannelTruth {
             let are = classes.iter().map(|(version, before)| (*version >= class, *before >= class));
             Some(one(class, excess_share, are.collect()))
         });
-        Ok(Self { channel, pairs: pairs.len() as u64, classes: classes.collect::<Result<_, _>>()? })
+        Ok(Self { channel, pairs: pairs.len() as u64, classes: classes.collect::<Result<_, _>>()?, worse })
     }
 
     fn is_open(&self) -> bool {
@@ -90,6 +105,33 @@ fn one(class: HarmClass, excess_share: f64, pairs: Vec<(bool, bool)>) -> Result<
     };
     let (excess, lower, upper) = (bound.mean, bound.lower, bound.upper);
     Ok(ClassTruth { class, version, before, excess, lower, upper, settled })
+}
+
+/// Whether it is worse, by pairs of (version, version before).
+fn worse(by: WorseBy, from: f64, pairs: &[(Seen, Seen)]) -> Result<Option<WorseTruth>, StatsError> {
+    let of = |is: fn(&Seen) -> bool| {
+        binary_pairs(
+            PairedCounts::of(pairs.iter().map(|(version, before)| (is(version), is(before)))),
+            ALPHA_EACH,
+        )
+        .map(|bound| (bound.mean, bound.lower))
+    };
+    let (excess, lower) = match by {
+        WorseBy::Undone => of(|seen| !seen.done)?,
+        WorseBy::Violation => of(|seen| seen.violation)?,
+        WorseBy::Duration => {
+            let done: Vec<_> = pairs.iter().filter(|(version, before)| version.done && before.done).collect();
+            let longer: Vec<f64> =
+                done.iter().map(|(version, before)| version.time_s - before.time_s).collect();
+            let usual = done.iter().map(|(_, before)| before.time_s).sum::<f64>() / done.len() as f64;
+            match student_pairs(&longer, ALPHA_EACH) {
+                // Every pair differs by the same, or there are none: nothing is known of the spread.
+                Err(StatsError::TooFew { .. } | StatsError::NoSpread { .. }) => return Ok(None),
+                bound => bound.map(|bound| (bound.mean / usual, bound.lower / usual))?,
+            }
+        }
+    };
+    Ok((lower > 0.0 && excess >= from).then_some(WorseTruth { by, excess, lower }))
 }
 
 /// What a version really is.
@@ -119,6 +161,12 @@ impl Truth {
             .map(|one| one.class)
             .max();
         Self { class, open, channels }
+    }
+
+    /// Whether it is worse than the one before in anything, harm or not.
+    #[must_use]
+    pub fn is_worse(&self) -> bool {
+        self.class > HarmClass::NoHarm || self.channels.iter().any(|one| !one.worse.is_empty())
     }
 
     /// Whether more episodes could tell more.
@@ -160,6 +208,30 @@ mod tests {
         assert_eq!(settled(200, 30, 30)[1], Open, "as many before");
         assert_eq!(settled(2_000, 6, 0)[1], Harmless, "fewer than the scale asks for");
         assert_eq!(settled(2_000, 14, 0)[1], Open, "about as many as the scale asks for");
+    }
+
+    #[test]
+    fn what_does_no_harm_may_still_be_worse() {
+        let scale = HarmScale::builtin().unwrap();
+        let worse = |n: usize, version: fn(usize) -> Seen| {
+            let before = |at: usize| Seen { done: true, time_s: 3.0 + at as f64 / 1e3, ..Seen::default() };
+            let pairs: Vec<_> = (0..n).map(|at| (version(at), before(at))).collect();
+            let truth = Truth::of(vec![ChannelTruth::of(Channel::Episodes, &scale, &pairs).unwrap()]);
+            let by: Vec<WorseBy> = truth.channels[0].worse.iter().map(|one| one.by).collect();
+            assert_eq!(truth.is_worse(), !by.is_empty() || truth.class > HarmClass::NoHarm);
+            by
+        };
+        assert_eq!(worse(600, |_| Seen { done: true, time_s: 3.0, ..Seen::default() }), []);
+        let slow = |at| Seen { done: true, time_s: 3.5 + at as f64 / 500.0, ..Seen::default() };
+        assert_eq!(worse(600, slow), [WorseBy::Duration]);
+        let hardly = |at| Seen { done: true, time_s: 3.02 + at as f64 / 900.0, ..Seen::default() };
+        assert_eq!(worse(600, hardly), [], "by less than a tenth");
+        assert_eq!(worse(1, slow), [], "one pair establishes nothing");
+        let over =
+            |at: usize| Seen { done: true, violation: at.is_multiple_of(9), time_s: 3.0, ..Seen::default() };
+        assert_eq!(worse(600, over), [WorseBy::Violation]);
+        let fails = |at: usize| Seen { done: !at.is_multiple_of(30), time_s: 3.0, ..Seen::default() };
+        assert_eq!(worse(600, fails), [WorseBy::Undone]);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::recovery::AbortRun;
-use holdpoint_runtime::task::{Supervision, TaskRun, TaskStage};
+use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
 use holdpoint_sim::SimError;
@@ -65,6 +65,12 @@ struct Witness {
 }
 
 impl Witness {
+    /// Adds what the record of a task tells of itself.
+    fn note(&mut self, record: &TaskRecord) {
+        self.seen.violation |= record.violation;
+        self.seen.time_s += record.time_secs;
+    }
+
     fn new() -> Self {
         // Everything that any class of the scale begins with is told.
         let limits = RefereeLimits { force_hard_n: 5.0, collision_n: 0.0, ..RefereeLimits::default() };
@@ -121,7 +127,9 @@ fn work(arm: &mut Arm<World>, judged: &Judged, seed: u64, witness: &mut Witness)
         witness.observe(handle.body());
     }
     witness.observe(handle.body());
-    Ok(run.record().success)
+    let record = run.record();
+    witness.note(record);
+    Ok(record.success)
 }
 
 /// One item of a channel. `None`: the simulator failed, or the episode has no valid start.

@@ -8,10 +8,14 @@
 //! ```
 //!
 //! Seed, then for the active version and for the candidate: flags (`s`uccess, `v`iolation, `a`nomaly, `r`ecovery,
-//! `t`imeout, `n`ear violation, or `.`), retries, time in s, unsafe continuation in ms. Recorded by
+//! `t`imeout, `n`ear violation, or `.`), retries, time in s, unsafe continuation in ms, and where harm was measured one
+//! word more, `h` and its measures in their order with commas between. Recorded by
 //! `cargo run --example calibrate -- <conditions> <n> <baseline> <candidate> --pairs FILE`.
 
+use std::iter::Peekable;
+
 use holdpoint_governance::evidence::{EpisodeValues, Pair};
+use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 
 #[derive(Clone, Debug)]
 pub struct RecordedTable {
@@ -48,7 +52,14 @@ pub fn write(pairs: &[Pair]) -> String {
             episode.near_violation,
         ];
         let flags: String = FLAGS.iter().zip(set).map(|(flag, set)| if set { *flag } else { '.' }).collect();
-        format!("{flags} {} {:.3} {:.0}", episode.retries, episode.time_s, episode.unsafe_continuation_ms)
+        let harm = episode.harm.map_or_else(String::new, |harm| {
+            let values: Vec<String> = HarmKind::ALL.iter().map(|kind| harm.of(*kind).to_string()).collect();
+            format!(" h{}", values.join(","))
+        });
+        format!(
+            "{flags} {} {:.3} {:.0}{harm}",
+            episode.retries, episode.time_s, episode.unsafe_continuation_ms
+        )
     };
     let line = |pair: &Pair| format!("{} {} {}", pair.seed, one(&pair.active), one(&pair.candidate));
     let mut text = pairs.iter().map(line).collect::<Vec<_>>().join("\n");
@@ -78,13 +89,13 @@ pub fn read(name: &'static str, text: &str) -> Result<RecordedTable, TableError>
 }
 
 fn pair(line: &str) -> Option<Pair> {
-    let mut words = line.split_ascii_whitespace();
+    let mut words = line.split_ascii_whitespace().peekable();
     let seed = words.next()?.parse().ok()?;
     let pair = Pair { seed, active: episode(&mut words)?, candidate: episode(&mut words)? };
     words.next().is_none().then_some(pair)
 }
 
-fn episode<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<EpisodeValues> {
+fn episode<'a>(words: &mut Peekable<impl Iterator<Item = &'a str>>) -> Option<EpisodeValues> {
     let flags = words.next()?;
     let known = flags.len() == FLAGS.len()
         && flags.chars().zip(FLAGS).all(|(found, flag)| found == flag || found == '.');
@@ -92,7 +103,7 @@ fn episode<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<EpisodeValue
         return None;
     }
     let set = |flag: char| flags.contains(flag);
-    let episode = EpisodeValues {
+    let mut episode = EpisodeValues {
         success: set('s'),
         violation: set('v'),
         anomaly: set('a'),
@@ -106,7 +117,19 @@ fn episode<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<EpisodeValue
         time_s: words.next()?.parse().ok()?,
         unsafe_continuation_ms: words.next()?.parse().ok()?,
     };
+    if let Some(word) = words.next_if(|word| word.starts_with('h')) {
+        episode.harm = Some(harm(&word[1..])?);
+    }
     episode.is_valid().then_some(episode)
+}
+
+fn harm(text: &str) -> Option<HarmMeasures> {
+    let mut values = text.split(',');
+    let mut harm = HarmMeasures::STILL;
+    for kind in HarmKind::ALL {
+        *harm.of_mut(kind) = values.next()?.parse().ok()?;
+    }
+    values.next().is_none().then_some(harm)
 }
 
 #[cfg(test)]
@@ -121,6 +144,12 @@ mod tests {
         let EpisodeValues { success, violation, anomaly, recovery, timeout, .. } = table.pairs[0].candidate;
         assert_eq!([success, violation, anomaly, recovery, timeout], [false, true, true, true, false]);
         assert_eq!(format!("# x\n{}", write(&table.pairs)), text);
+        let harm = HarmMeasures { slip_m: 0.0012, workspace_margin_m: -0.05, ..HarmMeasures::STILL };
+        let measured = Pair {
+            candidate: EpisodeValues { harm: Some(harm), ..table.pairs[0].candidate },
+            ..table.pairs[0]
+        };
+        assert_eq!(read("x", &write(&[measured])).unwrap().pairs, [measured]);
         for bad in [
             "",
             "# only words",
@@ -130,6 +159,8 @@ mod tests {
             "1 s.... 0 3 0 s..... 0 3 0",
             "1 s..... 0 NaN 0 s..... 0 3 0",
             "1 s..... -1 3 0 s..... 0 3 0",
+            "1 s..... 0 3 0 h1,2 s..... 0 3 0",
+            "1 s..... 0 3 0 h s..... 0 3 0",
         ] {
             assert!(read("x", bad).is_err(), "{bad:?}");
         }

@@ -26,6 +26,7 @@ mod long;
 mod mutate;
 mod opening;
 mod persons;
+mod planted;
 mod power;
 mod proofs;
 mod races;

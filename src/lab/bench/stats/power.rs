@@ -1,0 +1,201 @@
+//! What the comparison of behaviour and harm finds, by what is worse and by how much: a table of effect sizes for every
+//! component and measure under every profile, and how often equally good versions are spoken against by harm.
+//!
+//! Pairs are drawn from recorded ones, which of the two is the candidate by a coin; then the candidate is made worse in
+//! one thing alone. For a share so many of its episodes get the event; for time and retries every episode gets more; for a
+//! measure of harm every episode gets so many tolerances of the profile more. Found is what is not called compatible.
+
+use super::draw::{Draw, binding};
+use super::report::{Stated, StudyFigure, share, unjudged};
+use super::tables::RecordedTable;
+use super::{BenchError, Study, missing};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, ComponentName};
+use holdpoint_governance::evidence::{EpisodeValues, Pair, PairedEvidence};
+use holdpoint_governance::harm::HarmKind;
+use holdpoint_governance::outcome::BehaviorOutcome;
+use holdpoint_governance::profile::Profile;
+
+const RULE: &str = "power";
+
+/// Of the study's runs, one in so many is worked for each of the many effects.
+const RUNS_SHARE: u32 = 50;
+
+/// Fewest runs of an effect.
+const RUNS_MIN: u32 = 10;
+
+/// More episodes with an event, a share.
+const SHARES: [f64; 4] = [0.02, 0.05, 0.1, 0.2];
+
+/// Longer work, a share of each episode's time; and more attempts, a share of the episodes.
+const MORE: [f64; 4] = [0.1, 0.25, 0.5, 1.0];
+
+/// More of a measure in every episode, in tolerances of the profile.
+const TOLERANCES: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
+
+pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
+    let runs = (study.runs / RUNS_SHARE).max(RUNS_MIN);
+    let mut findings = Vec::new();
+    for profile in &study.profiles {
+        for table in &study.recorded.harm {
+            let under = format!("{}, {}", table.name, profile.name);
+            let found = count(runs, &format!("equal {under}"), table, profile, |_, _| (), speaks_of_harm);
+            let stated = Some(Stated::AtMost(profile.evaluation.alpha));
+            findings.push(share("harm", "equally good: rejected for harm", under, found, stated)?);
+        }
+        for effect in Effect::all() {
+            let table = study.recorded.harm.iter().find(|table| table.name.starts_with(effect.family()));
+            let table = table.ok_or_else(|| missing("a table with harm"))?;
+            for size in effect.sizes() {
+                let under = format!("{}, {}, {}", effect.name(), effect.told(size, profile), profile.name);
+                let worsen = |draw: &mut Draw, pair: &mut Pair| effect.worsen(size, profile, draw, pair);
+                let (found, of) = count(runs, &under, table, profile, worsen, is_found);
+                let value = found as f64 / of as f64;
+                findings.push(unjudged(RULE, "worse: not compatible", under, of, value, "share"));
+            }
+        }
+    }
+    Ok(findings)
+}
+
+fn count(
+    runs: u32,
+    name: &str,
+    table: &RecordedTable,
+    profile: &Profile,
+    worsen: impl Fn(&mut Draw, &mut Pair),
+    is: fn(&BehaviorAssessment) -> bool,
+) -> (u64, u64) {
+    let mut draw = Draw::new(name);
+    let found = (0..runs).filter(|_| {
+        let mut pairs = draw.equal_pairs(table, profile.evaluation.sandbox_pairs);
+        for pair in &mut pairs {
+            worsen(&mut draw, pair);
+        }
+        let evidence = PairedEvidence { binding: binding(), pairs, hard_stops: Vec::new() };
+        is(&behavior::assess(&evidence, &binding(), profile))
+    });
+    (found.count() as u64, runs.into())
+}
+
+fn is_found(found: &BehaviorAssessment) -> bool {
+    found.assessment.outcome != BehaviorOutcome::Compatible
+}
+
+fn speaks_of_harm(found: &BehaviorAssessment) -> bool {
+    found.harm.iter().any(|measure| measure.is_established())
+}
+
+/// What is made worse.
+#[derive(Clone, Copy)]
+enum Effect {
+    Component(ComponentName),
+    Harm(HarmKind),
+}
+
+impl Effect {
+    fn all() -> impl Iterator<Item = Self> {
+        let components = ComponentName::ALL.into_iter().map(Self::Component);
+        components.chain(HarmKind::ALL.into_iter().map(Self::Harm))
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Component(name) => name.name(),
+            Self::Harm(kind) => kind.name(),
+        }
+    }
+
+    /// Whose episodes have most to do with it.
+    const fn family(self) -> &'static str {
+        match self {
+            Self::Harm(HarmKind::GripPeak | HarmKind::GripHeld | HarmKind::TouchSpeed | HarmKind::Slip) => {
+                "grasp"
+            }
+            Self::Harm(
+                HarmKind::ContactPeak
+                | HarmKind::ContactHeld
+                | HarmKind::ContactTime
+                | HarmKind::LandingSpeed
+                | HarmKind::DropHeight,
+            ) => "place",
+            Self::Component(_)
+            | Self::Harm(
+                HarmKind::ZoneClearance
+                | HarmKind::ArmClearance
+                | HarmKind::WorkspaceMargin
+                | HarmKind::JointMargin
+                | HarmKind::NearTime
+                | HarmKind::Jerk
+                | HarmKind::Energy
+                | HarmKind::ClampedShare
+                | HarmKind::ClampDepth
+                | HarmKind::ExcessShare
+                | HarmKind::ExcessDepth
+                | HarmKind::DeniedShare,
+            ) => "align",
+        }
+    }
+
+    const fn sizes(self) -> [f64; 4] {
+        match self {
+            Self::Component(ComponentName::Time | ComponentName::Retry) => MORE,
+            Self::Component(_) => SHARES,
+            Self::Harm(_) => TOLERANCES,
+        }
+    }
+
+    fn told(self, size: f64, profile: &Profile) -> String {
+        match self {
+            Self::Component(ComponentName::Time) => format!("{:.0} % longer", 100.0 * size),
+            Self::Component(_) => format!("in {:.0} % more", 100.0 * size),
+            Self::Harm(kind) => {
+                format!("{size} x its tolerance of {}", kind.show(profile.harm.of(kind).mean))
+            }
+        }
+    }
+
+    fn worsen(self, size: f64, profile: &Profile, draw: &mut Draw, pair: &mut Pair) {
+        let one: &mut EpisodeValues = &mut pair.candidate;
+        match self {
+            Self::Component(ComponentName::Time) => one.time_s *= 1.0 + size,
+            Self::Component(name) if draw.chance(size) => match name {
+                ComponentName::Success => one.success = false,
+                ComponentName::Retry => one.retries += 1,
+                ComponentName::Violation => one.violation = true,
+                ComponentName::Anomaly => one.anomaly = true,
+                ComponentName::Recovery => one.recovery = true,
+                ComponentName::Time => {}
+            },
+            Self::Component(_) => {}
+            Self::Harm(kind) => {
+                if let Some(harm) = &mut one.harm {
+                    let more = size * profile.harm.of(kind).mean;
+                    let value = harm.of_mut(kind);
+                    *value += if kind.is_worse_when_lower() { -more } else { more };
+                    *harm = harm.rounded();
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::stats::TablesByOrigin;
+    use holdpoint_governance::profile::ProfileName;
+
+    /// Three tolerances more of anything are found, and the table says so of every component and measure.
+    #[test]
+    fn what_is_far_worse_is_found_whatever_it_is() {
+        let recorded = TablesByOrigin::read().unwrap();
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        for effect in Effect::all() {
+            let table = recorded.harm.iter().find(|table| table.name.starts_with(effect.family())).unwrap();
+            let [.., largest] = effect.sizes();
+            let worsen = |draw: &mut Draw, pair: &mut Pair| effect.worsen(largest, &profile, draw, pair);
+            let (found, of) = count(4, effect.name(), table, &profile, worsen, is_found);
+            assert_eq!(found, of, "{} {}", effect.name(), effect.told(largest, &profile));
+        }
+    }
+}
