@@ -299,12 +299,14 @@ fn engine_that_asks(home: &Home) -> (Console, String) {
         home.console(&["serve", "--quiet", "--profile", "human", "--pace", "max", "--jobs", "1"], SIZE);
     let until = std::time::Instant::now() + std::time::Duration::from_secs(120);
     loop {
-        let output = home.run(&["status", "--json"]);
-        let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-        if let Some(evidence) = status["prompts"][0]["evidence"].as_str() {
-            return (engine, evidence.chars().take(8).collect());
+        // Whoever names other evidence is told which it is, before anything is signed.
+        let wrong = ["approve", "align@1.1.0", "--as", "alice", "--reason", "r", "--digest", "00000000"];
+        let output = home.run(&wrong);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        if let Some((_, waits)) = said.split_once("waits with the evidence ") {
+            return (engine, waits.chars().take(8).collect());
         }
-        assert!(std::time::Instant::now() < until, "nothing waits: {status}\n{}", engine.contents());
+        assert!(std::time::Instant::now() < until, "nothing waits: {said}\n{}", engine.contents());
         std::thread::yield_now();
     }
 }

@@ -123,6 +123,12 @@ impl<W> Signing<W> {
         Passphrase::new(self.secret.take()).ok()
     }
 
+    /// Whether what was typed is being checked: no key is text meanwhile, and what stops has to work.
+    #[must_use]
+    pub const fn is_checked(&self) -> bool {
+        self.asked.is_some()
+    }
+
     /// Whether it waits for the answer to this request.
     #[must_use]
     pub fn waits_for(&self, id: &str) -> bool {

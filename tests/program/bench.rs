@@ -68,7 +68,7 @@ fn a_short_study_refutes_no_stated_rate() {
         .args(["bench", "stats", "--runs", "100", "--json"])
         .unwrap();
     let report: Value = serde_json::from_slice(&run.stdout).unwrap();
-    assert_eq!((report["runs"].as_u64(), report["tables"].as_array().map(Vec::len)), (Some(100), Some(6)));
+    assert_eq!((report["runs"].as_u64(), report["tables"].as_array().map(Vec::len)), (Some(100), Some(9)));
     let findings = report["findings"].as_array().unwrap();
     for rule in STUDIED {
         let of = findings.iter().filter(|finding| finding["rule"] == rule);

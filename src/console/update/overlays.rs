@@ -42,7 +42,10 @@ pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
 pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     prompt.refused = None;
-    if prompt.signing.is_some() {
+    if let Some(signing) = &prompt.signing {
+        if let Some(action) = stops_meanwhile(signing, action) {
+            return act(model, action);
+        }
         return signing_key(model, key);
     }
     match key.code {
@@ -135,6 +138,11 @@ fn signed_with(model: &mut Model, id: &str) -> Option<Passphrase> {
     prompt.signing.as_mut()?.hand_over(id)
 }
 
+/// What stops works also while a passphrase is being checked.
+fn stops_meanwhile<W>(signing: &Signing<W>, action: Option<Action>) -> Option<Action> {
+    action.filter(|action| signing.is_checked() && matches!(action, Action::Abort | Action::Stop))
+}
+
 /// Keys while the passphrase of a decision is typed.
 fn signing_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
@@ -198,6 +206,9 @@ fn close_held(model: &mut Model) {
 pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
     let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
     if let Some(signing) = &mut form.signing {
+        if let Some(action) = stops_meanwhile(signing, action) {
+            return act(model, action);
+        }
         match signing.key(key) {
             SigningKey::Typed => {}
             SigningKey::Back => form.signing = None,

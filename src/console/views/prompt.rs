@@ -179,7 +179,7 @@ pub(super) fn signing_rows<W>(
     let mut row =
         Row::of(ThemeRole::Focus, &head).with(ThemeRole::Text, &"*".repeat(signing.secret.len().min(room)));
     if signing.asked.is_some() {
-        row = Row::of(ThemeRole::Muted, "Signed; the engine is asked");
+        row = Row::of(ThemeRole::Muted, "the passphrase is being checked");
     }
     let mut rows = vec![row];
     if let Some(problem) = &signing.problem {

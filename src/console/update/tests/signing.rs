@@ -72,6 +72,19 @@ fn a_protected_key_is_opened_at_the_moment_of_signing_and_nothing_shows_it() {
     assert!(!seen(&console).contains("oak"));
 }
 
+/// From Enter until the engine's answer no key is text, and the keys that stop are none that wait.
+#[test]
+fn what_stops_works_while_a_passphrase_is_checked() {
+    for key in [KeyCode::Char('X'), KeyCode::F(9)] {
+        let mut console = asked();
+        console.keys(WORDS);
+        assert!(decides(&console.press(KeyCode::Enter)));
+        let effects = console.press(key);
+        assert!(!effects.is_empty(), "{key:?} stopped nothing");
+        assert!(!decides(&effects), "{effects:?}");
+    }
+}
+
 #[test]
 fn a_wrong_passphrase_is_said_in_place_and_the_question_stays() {
     let mut console = asked();
