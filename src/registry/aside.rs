@@ -347,6 +347,12 @@ pub(crate) fn not_on_record(
             there.insert(nth, name.to_owned());
         }
     }
+    // Of a file that was gone its log alone may have been put aside.
+    if let Some(own) = own
+        && let Some(Ok(nth)) = nth_of(&own.file).map(str::parse)
+    {
+        there.insert(nth, own.file.clone());
+    }
     if there.is_empty() {
         return Ok(Vec::new());
     }
