@@ -297,7 +297,7 @@ fn words(home: &Home) -> String {
 fn engine_that_asks(home: &Home) -> (Console, String) {
     let engine =
         home.console(&["serve", "--quiet", "--profile", "human", "--pace", "max", "--jobs", "1"], SIZE);
-    let until = std::time::Instant::now() + std::time::Duration::from_secs(120);
+    let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
     loop {
         // Whoever names other evidence is told which it is, before anything is signed.
         let wrong = ["approve", "align@1.1.0", "--as", "alice", "--reason", "r", "--digest", "00000000"];
@@ -312,7 +312,7 @@ fn engine_that_asks(home: &Home) -> (Console, String) {
 }
 
 fn becomes_active(home: &Home) {
-    let until = std::time::Instant::now() + std::time::Duration::from_secs(120);
+    let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
     while state_of(home, "align@1.1.0") != "active" {
         assert!(std::time::Instant::now() < until, "{}", state_of(home, "align@1.1.0"));
         std::thread::yield_now();

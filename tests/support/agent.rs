@@ -19,6 +19,7 @@ impl Drop for Agent {
 
 impl Agent {
     /// Starts one that holds a new key of this comment. `None`, said aloud: there is no agent on this machine.
+    #[allow(clippy::print_stdout, reason = "what was left out is said where the test ran")]
     pub fn with_key(folder: &Path, comment: &str) -> Option<Self> {
         let socket = folder.join("agent");
         let Ok(child) = Command::new("ssh-agent").arg("-D").arg("-a").arg(&socket).spawn() else {

@@ -45,7 +45,7 @@ pub struct Roc {
     pub harmful: u64,
     pub harmless: u64,
     /// The chance that a harmful candidate has less than a harmless one, ties counted half; with its 95 % interval by
-    /// DeLong et al. (1988).
+    /// `DeLong` et al. (1988).
     pub area: f64,
     pub interval: [f64; 2],
     /// By rising limit.
@@ -136,7 +136,7 @@ fn points(low: &[f64], high: &[f64]) -> Vec<RocPoint> {
 mod tests {
     use super::*;
 
-    /// DeLong's variance, worked by hand for three harmful and two harmless numbers.
+    /// The variance of the area, worked by hand for three harmful and two harmless numbers.
     #[test]
     fn the_area_is_the_share_of_pairs_in_order() {
         let (found, error) = area(&[0.1, 0.2, 0.6], &[0.5, 0.9]).unwrap();

@@ -101,11 +101,11 @@ holdpoint_governance::words! {
 #[serde(deny_unknown_fields)]
 struct Worse {
     /// So much more of its episodes, a share.
-    undone_share: f64,
+    undone: f64,
     /// So much more of its episodes, a share.
-    violation_share: f64,
+    violation: f64,
     /// So much longer, a share of the mean of the version before.
-    duration_share: f64,
+    duration: f64,
 }
 
 /// The scale.
@@ -144,9 +144,9 @@ impl HarmScale {
     #[must_use]
     pub const fn worse_from(&self, by: WorseBy) -> f64 {
         match by {
-            WorseBy::Undone => self.worse.undone_share,
-            WorseBy::Violation => self.worse.violation_share,
-            WorseBy::Duration => self.worse.duration_share,
+            WorseBy::Undone => self.worse.undone,
+            WorseBy::Violation => self.worse.violation,
+            WorseBy::Duration => self.worse.duration,
         }
     }
 

@@ -9,7 +9,7 @@ use super::draw::{Draw, binding};
 use super::report::{Stated, StudyFigure, share, unjudged};
 use super::tables::RecordedTable;
 use super::{BenchError, Study, missing};
-use holdpoint_governance::behavior::{self, BehaviorAssessment, ComponentName};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, ComponentName, HarmComparison};
 use holdpoint_governance::evidence::{EpisodeValues, Pair, PairedEvidence};
 use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::outcome::BehaviorOutcome;
@@ -82,7 +82,7 @@ fn is_found(found: &BehaviorAssessment) -> bool {
 }
 
 fn speaks_of_harm(found: &BehaviorAssessment) -> bool {
-    found.harm.iter().any(|measure| measure.is_established())
+    found.harm.iter().any(HarmComparison::is_established)
 }
 
 /// What is made worse.
