@@ -51,10 +51,9 @@ fn a_receipt_without_records_swallows_and_refuses_nothing() {
         .query_row("SELECT digest FROM command WHERE id = 'known'", [], |row| row.get(0))
         .unwrap();
     let database = Connection::open(folder.path().join("holdpoint.db")).unwrap();
-    let (seq, head): (u64, Vec<u8>) = database
-        .query_row("SELECT seq, hash FROM audit_head", [], |row| Ok((row.get(0)?, row.get(1)?)))
+    let (seq, head): (u64, String) = database
+        .query_row("SELECT seq, lower(hex(hash)) FROM audit_head", [], |row| Ok((row.get(0)?, row.get(1)?)))
         .unwrap();
-    let head: String = head.iter().map(|byte| format!("{byte:02x}")).collect();
     for (id, digest) in [("known", known.as_str()), ("refused", &"0".repeat(64))] {
         let receipt = format!(
             r#"{{"command_id":"{id}","first_seq":0,"head":"{head}","last_seq":0,"row_versions":[]}}"#
