@@ -35,7 +35,8 @@ pub const AUDIT_MAX: usize = 256;
 /// One all-or-nothing step of the registry.
 #[derive(Clone, Debug, Serialize)]
 pub struct Transaction {
-    /// Names the command: a retry with the same id and content returns the first receipt. 1 to 128 bytes.
+    /// Names the command: a retry with the same id and content returns the first receipt, if records were written, and is
+    /// done again otherwise. 1 to 128 bytes.
     pub command_id: String,
     /// Virtual time, ms; must not be before the last record's. Hashed into the chain.
     pub at_ms: u64,

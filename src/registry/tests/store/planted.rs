@@ -3,7 +3,6 @@
 
 use std::fs;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
@@ -78,7 +77,7 @@ fn a_receipt_without_records_swallows_and_refuses_nothing() {
     assert_ne!(command_id("engine").unwrap(), command_id("engine").unwrap());
 }
 
-/// A view whose rows have no end is refused before one of them is asked for.
+/// A view whose rows have no end is refused before one of them is asked for; otherwise this never ends.
 #[test]
 fn a_view_in_place_of_a_table_is_never_read() {
     const ENDLESS: &str =
@@ -103,7 +102,6 @@ fn a_view_in_place_of_a_table_is_never_read() {
             ))
             .unwrap();
         drop(database);
-        let began = Instant::now();
         let path = folder.path().join("holdpoint.db");
         assert!(Store::open(folder.path()).is_err(), "{table}");
         assert!(verify(&path, None).is_err(), "{table}");
@@ -114,8 +112,6 @@ fn a_view_in_place_of_a_table_is_never_read() {
         if rebuilt.is_ok() {
             drop(open(folder.path()));
         }
-        // An endless one would be read until the test run is given up.
-        assert!(began.elapsed() < Duration::from_mins(2), "{table}");
     }
 }
 
