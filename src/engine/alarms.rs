@@ -163,9 +163,11 @@ impl Record {
             Some(problem) if !raised => {
                 let text = format!("a cut of the audit chain would not be found: {problem}");
                 self.raise(key, Priority::High, false, &text);
+                self.ledger().store().problems_are_told();
             }
             None if raised => self.alarm_event(&AlarmEvent::Clear { key }),
-            Some(_) | None => {}
+            Some(_) => self.ledger().store().problems_are_told(),
+            None => {}
         }
     }
 

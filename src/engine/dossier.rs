@@ -12,9 +12,9 @@ use crate::trial::measures::ModeMetrics;
 use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::{Kappas, composite};
 use holdpoint_governance::condition::Condition;
-use holdpoint_governance::decision::{Dimension, Kappa, Reason};
+use holdpoint_governance::decision::{Decision, Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence};
-use holdpoint_governance::gate::ShadowAssessment;
+use holdpoint_governance::gate::{GateOutcome, ShadowAssessment};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
@@ -122,6 +122,12 @@ impl Dossier {
         self.kappas = Some(found.kappas);
         self.new_permissions = found.asks_more;
         self.changes = found.changes;
+    }
+
+    /// Takes in what the gate says of it: what it would be let in under, and why.
+    pub fn take_gate(&mut self, decision: &Decision<GateOutcome>) {
+        self.reasons = decision.reasons().to_vec();
+        self.conditions.clone_from(&decision.answers().conditions);
     }
 
     /// Takes in what a version used of its permissions in some tasks.

@@ -33,7 +33,6 @@ use crate::cell::Cell;
 use crate::ledger::{Ledger, Note};
 use crate::people::persons::enrolled;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
-use crate::stages::activation::Activation;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::world::switch::Controls;
@@ -201,23 +200,7 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
 
 /// Kappas that every limit is passed with, so that nothing but what is tested can stop a candidate at the gate.
 fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
-    let id = shadowed(pipeline, PolicyOutcome::Compatible, Vec::new());
-    let candidate = pipeline.record().capability(&id).unwrap();
-    let live = pipeline.live();
-    let bound = crate::binding::binding(live.context, live.record.ledger(), &candidate);
-    let sequences = live.context.profile.evaluation.shadow_sequences;
-    let dossier = live.dossiers.edit(&id);
-    dossier.bindings = vec![bound];
-    dossier.twins = vec![GOOD; 40];
-    dossier.shadow = Some(ShadowAssessment {
-        check: Check::Pass,
-        sequences,
-        output_divergence: None,
-        envelope_divergence: None,
-        alignment: None,
-        reasons: Vec::new(),
-    });
-    id
+    shadowed(pipeline, PolicyOutcome::Compatible, Vec::new())
 }
 
 const GOOD: EpisodeValues = EpisodeValues {
@@ -392,13 +375,14 @@ fn compatible<O>(outcome: O) -> Assessment<O> {
 
 /// A candidate for which people are asked under these conditions, without its evaluation: what is tested comes after
 /// that.
-fn asked(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Condition>) -> CapabilityId {
+/// A candidate that people are asked about by the gate.
+pub(crate) fn asked(
+    pipeline: &mut Pipeline,
+    policy: PolicyOutcome,
+    conditions: Vec<Condition>,
+) -> CapabilityId {
     let id = shadowed(pipeline, policy, conditions);
-    let version = pipeline.record().ledger().version(&id).unwrap().0;
-    let start = LifecycleEvent::Start { version, stage: Stage::Activation };
-    pipeline.live().record.transition(&id.family, start, Note::because("test")).unwrap();
-    let Activation { context, record, dossiers, approvals, .. } = pipeline.activation();
-    approvals.ask(context, record, dossiers, &id).unwrap();
+    pipeline.activation().run(&id).unwrap();
     id
 }
 
@@ -408,13 +392,26 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(NAME)).unwrap();
     let id = Capability::load(NAME, package.clone()).unwrap().id();
     accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned() }));
+    let candidate = pipeline.record().capability(&id).unwrap();
     let live = pipeline.live();
+    let bound = crate::binding::binding(live.context, live.record.ledger(), &candidate);
+    let sequences = live.context.profile.evaluation.shadow_sequences;
     let dossier = live.dossiers.edit(&id);
     dossier.kappas = Some(Kappas {
         interface: compatible(InterfaceOutcome::Compatible),
         policy: Assessment { conditions, ..compatible(policy) },
         behavior: compatible(BehaviorOutcome::Compatible),
         recovery: compatible(RecoveryOutcome::Compatible),
+    });
+    dossier.bindings = vec![bound];
+    dossier.twins = vec![GOOD; 40];
+    dossier.shadow = Some(ShadowAssessment {
+        check: Check::Pass,
+        sequences,
+        output_divergence: None,
+        envelope_divergence: None,
+        alignment: None,
+        reasons: Vec::new(),
     });
     let (json, digest) = (serde_json::to_string(dossier).unwrap(), dossier.digest().unwrap());
     let version = live.record.ledger().version(&id).unwrap().0;
@@ -454,6 +451,29 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     // Under another profile it is another question.
     let third = pipeline(folder.path(), ProfileName::Real);
     assert!(third.snapshot().prompts.is_empty());
+}
+
+/// What the gate adds to what the stages ask for is in no stage's evidence: who decides after a restart is shown it all
+/// the same, and it is what takes effect.
+#[test]
+fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Human);
+    let id = at_the_gate(&mut first);
+    for _ in 0..4 {
+        first.advance();
+    }
+    let shown = |pipeline: &Pipeline| {
+        let snapshot = pipeline.snapshot();
+        let conditions =
+            snapshot.candidates.iter().find(|one| one.version == id).map(|one| one.conditions.clone());
+        let (prompt, answers) = (snapshot.prompts[0].clone(), conditions.unwrap());
+        (prompt.on_drift, prompt.untested, answers)
+    };
+    let before = shown(&first);
+    assert!(before.2.contains(&Condition::RollbackCoupled), "{before:?}");
+    drop(first);
+    assert_eq!(shown(&pipeline(folder.path(), ProfileName::Human)), before);
 }
 
 #[test]

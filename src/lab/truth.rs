@@ -36,7 +36,7 @@ use holdpoint_registry::{KeptCells, KeptSecret};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
 
-/// Pairs of whole sequences, and of stops; worked once.
+/// Pairs of whole sequences, of stops and of rollbacks; each worked once.
 const PAIRS: u64 = 100;
 
 /// Items that are kept together.
@@ -166,10 +166,11 @@ impl<'a> Bench<'a> {
             })?;
         let sequences = self.channel(worker, &candidate, before, Channel::Sequences, PAIRS)?;
         let stops = self.channel(worker, &candidate, before, Channel::Stops, PAIRS)?;
+        let rollbacks = self.channel(worker, &candidate, before, Channel::Rollbacks, PAIRS)?;
         let mut truth = Truth::of(Vec::new());
         for look in LOOKS.into_iter().filter(|look| *look <= self.plan.most) {
             let episodes = self.channel(worker, &candidate, before, Channel::Episodes, look)?;
-            truth = Truth::of(vec![episodes, sequences.clone(), stops.clone()]);
+            truth = Truth::of(vec![episodes, sequences.clone(), stops.clone(), rollbacks.clone()]);
             if !truth.is_open() {
                 break;
             }
@@ -228,7 +229,7 @@ impl<'a> Bench<'a> {
             under.as_bytes(),
         ]
         .map(<[u8]>::to_vec);
-        Digest::of_parts("holdpoint.truth.v3", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
+        Digest::of_parts("holdpoint.truth.v4", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 }
 

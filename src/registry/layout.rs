@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::error::StoreError;
-use holdpoint_text::file::{NO_LINK, regular};
+use holdpoint_text::file::{NO_LINK, kind_of, regular};
 
 /// The paths of one store.
 #[derive(Clone, Debug)]
@@ -109,6 +109,17 @@ impl Layout {
         ];
         let new = !self.keys().is_dir();
         for path in folders {
+            // What is written there would end up elsewhere. The store itself may lie behind a link.
+            if path != self.folder
+                && let Ok(found) = fs::symlink_metadata(&path)
+                && !found.is_dir()
+            {
+                let kind = kind_of(&found);
+                let allowed = format!(
+                    "a folder of the store's own, not {kind}; to keep it on another disk, mount that here"
+                );
+                return Err(StoreError::invalid("store folder", path.display(), allowed));
+            }
             let made = DirBuilder::new().recursive(true).mode(0o700).create(&path);
             made.map_err(StoreError::io("make the store folder", &path))?;
         }

@@ -123,9 +123,9 @@ pub(crate) fn copy_into(path: &Path, schema: &Schema, to: &Path) -> Result<(), S
 }
 
 /// Device and number of a file.
-type FileId = (u64, u64);
+pub(crate) type FileId = (u64, u64);
 
-fn file_id(path: &Path) -> Option<FileId> {
+pub(crate) fn file_id(path: &Path) -> Option<FileId> {
     fs::symlink_metadata(path).ok().map(|found| (found.dev(), found.ino()))
 }
 

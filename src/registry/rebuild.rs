@@ -32,12 +32,13 @@ use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
 use super::merkle::Frontier;
 use super::migrate::STORE;
 use super::open::{
-    HINT_REBUILD, HINT_UNSIGNED, damaged, make, open_reader, remove_database, truncate_log,
+    HINT_REBUILD, HINT_UNSIGNED, damaged, make, not_the_chain, open_reader, remove_database, truncate_log,
     unsigned_records_refused,
 };
 use super::replay::{NotApplied, replay};
 use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
 use super::signed;
+use super::structure;
 use holdpoint_approvals::keyfile;
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
@@ -95,6 +96,8 @@ pub fn rebuild(
     let sound = fold
         .check_end(&damaged_store)
         .map_err(refused_chain(&damaged_store, &database))
+        // What the tables are asked next is answered by their indexes.
+        .and_then(|()| check_indexes(&damaged_store, &database))
         .and_then(|()| check_tables(&fold, &damaged_store, &database, &store_id))
         .and_then(|()| check_signed(&fold, &damaged_store, &layout, &kept, by));
     let problem = match sound {
@@ -131,6 +134,16 @@ pub fn rebuild(
     sync_folder(layout.folder())?;
     end.write(&layout.checkpoints())?;
     Ok(Some(rebuilt))
+}
+
+/// Every index is what its table holds: one that is not shows or hides rows that are there all the same, and is made anew
+/// with the tables.
+fn check_indexes(damaged_store: &Connection, database: &Path) -> Result<(), StoreError> {
+    let forged = |problem: String| not_the_chain(database, &problem);
+    structure::check_file(database).map_err(forged)?;
+    let summed = Fold::read_noting(damaged_store, Vec::new().into_iter().collect())
+        .map_err(refused_chain(damaged_store, database))?;
+    structure::check_indexes(damaged_store, &summed).map_err(forged)
 }
 
 /// A refusal that names the records that nobody signed.

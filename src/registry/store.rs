@@ -25,7 +25,7 @@ use super::fold::{Fold, ReadingWatch};
 use super::kept::{KeptCells, KeptSecret};
 use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
-use super::open::{Durability, WrittenHere, damaged, open_reader, open_writer};
+use super::open::{Durability, FileId, WrittenHere, damaged, file_id, open_reader, open_writer};
 use super::recovery::{Interrupted, interrupted};
 use super::seals::{FoundTelemetry, Settled};
 use super::shape::first_difference;
@@ -70,6 +70,8 @@ pub struct Store {
     checkpoint_problem: Arc<Mutex<Option<String>>>,
     witness_problems: Problems,
     altered: Arc<Mutex<Option<String>>>,
+    /// The file that the writer has open.
+    database: Option<FileId>,
     layout: Layout,
     store_id: String,
     public_key: VerifyingKey,
@@ -154,6 +156,7 @@ impl Store {
             checkpoint_problem,
             witness_problems: problems,
             altered,
+            database: file_id(&layout.database()),
             layout,
             store_id,
             public_key,
@@ -169,6 +172,11 @@ impl Store {
     /// [`StoreError`]; nothing was changed, except that after [`StoreError::Unknown`] the outcome is not known and
     /// the same command may be sent again.
     pub fn commit(&self, transaction: Transaction) -> Result<Receipt, StoreError> {
+        if let Some(problem) = self.displaced()
+            && transaction.changes.iter().any(Change::lets_in)
+        {
+            return Err(StoreError::Altered(problem));
+        }
         let settled = Settled::by(&transaction.changes);
         let (answer, receipt) = sync_channel(1);
         let jobs = self.jobs.as_ref().ok_or(StoreError::Unknown)?;
@@ -226,6 +234,11 @@ impl Store {
         own.or_else(|| self.witness_problems.all().into_iter().next())
     }
 
+    /// What [`Self::checkpoint_problem`] says is on record: witnesses that the start found silent get heads again.
+    pub fn problems_are_told(&self) {
+        self.witness_problems.told();
+    }
+
     /// What another program did to the database of this engine, if a write found anything: nothing must be decided on
     /// what it holds from then on.
     ///
@@ -233,7 +246,17 @@ impl Store {
     /// [`StoreError::Altered`].
     pub fn unaltered(&self) -> Result<(), StoreError> {
         let found = self.altered.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let found = found.or_else(|| self.displaced());
         found.map_or(Ok(()), |problem| Err(StoreError::Altered(problem)))
+    }
+
+    /// Whether another file has the name of the database by now, or none: what is written is in a file that nobody finds
+    /// any more.
+    fn displaced(&self) -> Option<String> {
+        (file_id(&self.layout.database()) != self.database).then(|| {
+            let path = self.layout.database();
+            format!("the file {path:?} that this engine opened was removed or replaced; what it writes is lost with it")
+        })
     }
 
     /// Everything there is to read, on a connection of its own that cannot write. Keep it; opening costs a

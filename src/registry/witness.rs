@@ -51,6 +51,8 @@ struct Silent {
     unheard: BTreeMap<String, String>,
     /// Those that did not take the last head.
     unwritten: BTreeMap<String, String>,
+    /// Those of `unheard` that nobody was told of yet: a head that is sent there would hide what is missing.
+    untold: BTreeSet<String>,
 }
 
 impl Problems {
@@ -59,7 +61,9 @@ impl Problems {
     }
 
     fn unheard(&self, folder: &str, problem: String) {
-        self.locked().unheard.insert(folder.to_owned(), problem);
+        let mut silent = self.locked();
+        silent.unheard.insert(folder.to_owned(), problem);
+        silent.untold.insert(folder.to_owned());
     }
 
     fn set(&self, folder: &str, problem: Option<String>) {
@@ -71,7 +75,18 @@ impl Problems {
 
     fn forget(&self, folder: &str) {
         self.set(folder, None);
-        self.locked().unheard.remove(folder);
+        let mut silent = self.locked();
+        silent.unheard.remove(folder);
+        silent.untold.remove(folder);
+    }
+
+    /// What the start found is on record: from now on all of them get heads.
+    pub(crate) fn told(&self) {
+        self.locked().untold.clear();
+    }
+
+    fn is_untold(&self, folder: &str) -> bool {
+        self.locked().untold.contains(folder)
     }
 
     /// All of them, in the order of the folders.
@@ -226,9 +241,9 @@ impl Senders {
         }
     }
 
-    /// Sends a head; never waits.
+    /// Sends a head; never waits. Where the start found something missing, only once that is on record.
     pub(crate) fn send(&self, head: &Checkpoint) {
-        for sender in &self.threads {
+        for sender in self.threads.iter().filter(|sender| !self.problems.is_untold(&sender.witness)) {
             let since =
                 *sender.waits.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(Instant::now);
             let problem = match sender.heads.try_send(head.clone()) {

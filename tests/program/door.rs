@@ -98,6 +98,72 @@ impl Raw {
     }
 }
 
+/// Whoever removes the socket, or puts another in its place, takes nobody the way to stop.
+#[test]
+fn a_socket_that_is_removed_is_there_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let running = engine(folder.path());
+    let layout = Layout::new(folder.path());
+    let socket = socket_path(&layout);
+    let removed = || std::fs::remove_file(&socket).unwrap();
+    // Left by a process that is gone.
+    let replaced = || {
+        std::fs::remove_file(&socket).unwrap();
+        drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
+    };
+    for (what, displace) in [("removed", &removed as &dyn Fn()), ("replaced", &replaced)] {
+        displace();
+        let until = std::time::Instant::now() + PATIENCE;
+        let mut asking = loop {
+            if let Ok(Some(asking)) = Client::connect(&layout) {
+                break asking;
+            }
+            assert!(std::time::Instant::now() < until, "{what}: nobody answers");
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        let stop = Command::Stop { by: "ana".to_owned(), reason: what.to_owned() };
+        let reply = asking.ask(stop).unwrap();
+        assert!(matches!(reply, Reply::Accepted { .. }), "{what}: {reply:?}");
+        assert_eq!(socket.metadata().unwrap().permissions().mode() & 0o777, 0o600);
+    }
+    let reply = client(folder.path()).ask(Command::Shutdown).unwrap();
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    running.join().unwrap();
+    assert!(!socket.exists());
+}
+
+/// Another program that keeps the database for itself keeps nobody from stopping the arm, nor from hearing that it is
+/// stopped; what is missing on record comes when it can be written.
+#[test]
+fn a_stop_is_answered_while_another_program_has_the_database() {
+    let folder = tempfile::tempdir().unwrap();
+    let running = engine(folder.path());
+    let mut asking = client(folder.path());
+    let other = rusqlite::Connection::open(Layout::new(folder.path()).database()).unwrap();
+    other.execute_batch("BEGIN EXCLUSIVE").unwrap();
+    let began = std::time::Instant::now();
+    let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
+    let reply = asking.ask(stop).unwrap();
+    assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("is stopped")), "{reply:?}");
+    // Less than the time for which a write waits for another program.
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+    other.execute_batch("ROLLBACK").unwrap();
+    let until = std::time::Instant::now() + PATIENCE;
+    loop {
+        let Reply::Snapshot { snapshot } = asking.ask(Command::Snapshot).unwrap() else {
+            panic!("no snapshot")
+        };
+        if snapshot.stopped.as_ref().is_some_and(|stopped| stopped.by.contains("ana")) {
+            break;
+        }
+        assert!(std::time::Instant::now() < until, "{:?}", snapshot.stopped);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    drop(other);
+    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    running.join().unwrap();
+}
+
 #[test]
 fn a_client_is_answered_and_told_what_happens() {
     let folder = tempfile::tempdir().unwrap();

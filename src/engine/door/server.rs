@@ -1,7 +1,6 @@
 //! The socket's thread: accepts, checks who it is, reads calls, writes answers.
 
 use std::io;
-use std::os::unix::net::UnixListener as StdListener;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
@@ -14,10 +13,11 @@ use tokio::net::{UnixListener, UnixStream};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{broadcast, oneshot};
 use tokio::task::JoinSet;
-use tokio::time::timeout;
+use tokio::time::{MissedTickBehavior, timeout};
 use tokio_util::sync::CancellationToken;
 
 use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
+use super::socket::{BoundSocket, SocketPlace};
 use super::{Incoming, Signals};
 use crate::caller;
 use crate::world::switch::{AskedStop, Switch};
@@ -35,6 +35,13 @@ const WRITE_MAX: Duration = Duration::from_secs(10);
 /// How long open connections are waited for when the door closes.
 const CLOSING_MAX: Duration = Duration::from_millis(500);
 
+/// How long a stop waits for the engine's own answer. The arm is being stopped meanwhile; an engine that cannot write its
+/// record, because another program keeps the database for itself, would keep the answer as well.
+const STOP_ANSWER_MAX: Duration = Duration::from_secs(1);
+
+/// How often it is looked whether the socket still has its name.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
 /// Pause after a failed accept, so that a lack of file descriptors does not take a core.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
@@ -51,7 +58,7 @@ pub(super) struct DoorServer {
 }
 
 impl DoorServer {
-    pub(super) fn start(self, listener: StdListener, signals: Signals) -> io::Result<JoinHandle<()>> {
+    pub(super) fn start(self, listener: BoundSocket, signals: Signals) -> io::Result<JoinHandle<()>> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let listener = {
             let _inside = runtime.enter();
@@ -69,7 +76,7 @@ impl DoorServer {
                     });
                 }
             }
-            UnixListener::from_std(listener)?
+            (UnixListener::from_std(listener.listener)?, listener.place)
         };
         std::thread::Builder::new().name("engine-door".to_owned()).spawn(move || {
             runtime.block_on(self.accept(listener));
@@ -77,12 +84,24 @@ impl DoorServer {
         })
     }
 
-    async fn accept(self, listener: UnixListener) {
+    async fn accept(self, (mut listener, mut place): (UnixListener, SocketPlace)) {
         let own_uid = rustix::process::geteuid().as_raw();
         let mut open = JoinSet::new();
+        let mut look = tokio::time::interval(LOOK_EVERY);
+        look.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             let accepted = tokio::select! {
                 () = self.stop.cancelled() => break,
+                _ = look.tick() => {
+                    // Whoever removed it took the way to stop with it. What cannot be had now is tried again.
+                    if !place.is_ours()
+                        && let Ok(anew) = place.bind_anew()
+                        && let Ok(anew_listener) = UnixListener::from_std(anew.listener)
+                    {
+                        (listener, place) = (anew_listener, anew.place);
+                    }
+                    continue;
+                }
                 Some(_) = open.join_next(), if !open.is_empty() => continue,
                 accepted = listener.accept() => accepted,
             };
@@ -170,6 +189,7 @@ impl DoorServer {
             biased;
             reply = reply => reply.unwrap_or_else(|_| refused(Refusal::NotNow, "the engine is ending")),
             () = self.stop.cancelled() => refused(Refusal::NotNow, "the engine is ending"),
+            () = tokio::time::sleep(STOP_ANSWER_MAX), if stops => stopped(),
         }
     }
 

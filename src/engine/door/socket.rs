@@ -3,7 +3,7 @@
 use std::fs::{self, Permissions};
 use std::io::ErrorKind;
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
@@ -19,8 +19,40 @@ pub fn socket_path(layout: &Layout) -> PathBuf {
     layout.folder().join("engine.sock")
 }
 
+/// A socket that is listened at, and where.
+pub(super) struct BoundSocket {
+    pub(super) listener: UnixListener,
+    pub(super) place: SocketPlace,
+}
+
+/// The name of a socket, and the file that had it when it was bound.
+pub(super) struct SocketPlace {
+    path: PathBuf,
+    file: Option<(u64, u64)>,
+}
+
+impl SocketPlace {
+    fn of(path: &Path) -> Self {
+        Self { path: path.to_owned(), file: file_at(path) }
+    }
+
+    /// Whether the name still leads to this socket.
+    pub(super) fn is_ours(&self) -> bool {
+        self.file.is_some() && file_at(&self.path) == self.file
+    }
+
+    /// Listens at the name once more.
+    pub(super) fn bind_anew(&self) -> Result<BoundSocket, DoorError> {
+        bind(&self.path)
+    }
+}
+
+fn file_at(path: &Path) -> Option<(u64, u64)> {
+    fs::symlink_metadata(path).ok().map(|found| (found.dev(), found.ino()))
+}
+
 /// Listens at `path`. The caller's engine holds the store's lock, so a socket nobody answers at is a leftover.
-pub(super) fn bind(path: &Path) -> Result<UnixListener, DoorError> {
+pub(super) fn bind(path: &Path) -> Result<BoundSocket, DoorError> {
     check_length(path)?;
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => {}
@@ -39,7 +71,7 @@ pub(super) fn bind(path: &Path) -> Result<UnixListener, DoorError> {
     fs::set_permissions(path, Permissions::from_mode(0o600))
         .map_err(DoorError::io("set the permissions of", path))?;
     listener.set_nonblocking(true).map_err(DoorError::io("listen at", path))?;
-    Ok(listener)
+    Ok(BoundSocket { listener, place: SocketPlace::of(path) })
 }
 
 pub(super) fn check_length(path: &Path) -> Result<(), DoorError> {

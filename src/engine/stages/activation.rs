@@ -60,8 +60,7 @@ impl Activation<'_> {
     ) -> Result<(), Fault> {
         let decision = &result.decision;
         let dossier = self.dossiers.edit(id);
-        dossier.reasons = decision.reasons().to_vec();
-        dossier.conditions.clone_from(&decision.answers().conditions);
+        dossier.take_gate(decision);
         decided(self.context, self.record, dossier, id, Stage::Activation, decision);
         let (version, _, _) = self.record.ledger().version(id)?;
         let reason = first_reason(decision);
@@ -218,7 +217,7 @@ impl Activation<'_> {
 }
 
 /// What the gate says of a candidate.
-pub(super) fn gate(
+pub(crate) fn gate(
     context: &Context,
     record: &Record,
     dossiers: &Dossiers,

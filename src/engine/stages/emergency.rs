@@ -90,8 +90,7 @@ impl Activation<'_> {
         }
         let dossier = self.dossiers.edit(&id);
         dossier.held = false;
-        dossier.reasons = judged.decision.reasons().to_vec();
-        dossier.conditions.clone_from(&passed.terms().conditions);
+        dossier.take_gate(&judged.decision);
         decided(self.context, self.record, dossier, &id, Stage::Activation, &judged.decision);
         let decision = serde_json::to_string(&judged.decision)?;
         let (agent, emergency_until_ms) = (self.agent, Some(until_ms));

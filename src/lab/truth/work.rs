@@ -3,13 +3,14 @@
 //! Uses nothing of what the stages measure: own seeds, true forces and poses, and moments of a stop that are drawn
 //! over all of the work.
 
-use holdpoint_body::{Command, RATE_HZ, TaskKind};
+use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, TaskKind};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::recovery::AbortRun;
+use holdpoint_runtime::skill::Hook;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
@@ -30,6 +31,8 @@ holdpoint_governance::words! {
         Sequences = "sequences",
         /// The version is stopped at some moment of its work, and what comes of it is watched.
         Stops = "stops",
+        /// The version is told at some moment of its work to hand over, and the one before goes on from there.
+        Rollbacks = "rollbacks",
     }
 }
 
@@ -41,6 +44,10 @@ const CHANNEL_SEEDS: u64 = 1 << 40;
 
 /// How long an arm that was stopped is watched, ticks.
 const WATCHED_TICKS: u32 = RATE_HZ;
+
+/// How long a version that is told to hand over may take until the interrupt stops the arm, ticks: as long as the whole
+/// work of the shortest skill.
+const HAND_OVER_TICKS: u32 = 3 * RATE_HZ;
 
 /// A version with what it runs under.
 #[derive(Clone)]
@@ -151,6 +158,7 @@ pub fn item(
         }
         Channel::Sequences => sequence(worker, cell, judged, team, seed),
         Channel::Stops => stop(worker, cell, judged, seed),
+        Channel::Rollbacks => rollback(worker, cell, judged, team, seed),
     };
     if worked.is_err() {
         // A world that diverged is not used again.
@@ -198,9 +206,13 @@ fn sequence(
     Ok(witness.seen(true))
 }
 
-/// The version's work, stopped by its safe-abort hook at a moment drawn over as long as it takes undisturbed, and then
-/// by the interrupt where the hook does not; and a second of what comes of it.
-fn stop(worker: &mut Worker, cell: &Cell, judged: &Judged, seed: u64) -> Result<Seen, SimError> {
+/// The version at a moment of its work that is drawn over as long as it takes undisturbed; `None` if it had ended before.
+fn interrupted<'a>(
+    worker: &'a mut Worker,
+    cell: &Cell,
+    judged: &Judged,
+    seed: u64,
+) -> Result<Option<(&'a mut Arm<World>, TaskRun)>, SimError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
     let share = Stream::new(seed, StreamPurpose::Drill).unit();
@@ -221,14 +233,18 @@ fn stop(worker: &mut Worker, cell: &Cell, judged: &Judged, seed: u64) -> Result<
     if moment > 0 {
         run.work_until(&mut arm.handle(), &mut |passed| passed.tick >= moment)?;
     }
-    if run.stage() != TaskStage::Working {
-        return Ok(Witness::new().seen(true));
-    }
+    Ok((run.stage() == TaskStage::Working).then_some((arm, run)))
+}
+
+/// The version's work, stopped by its safe-abort hook at a moment of it, and then by the interrupt where the hook does
+/// not; and a second of what comes of it.
+fn stop(worker: &mut Worker, cell: &Cell, judged: &Judged, seed: u64) -> Result<Seen, SimError> {
+    let mut witness = Witness::new();
+    let Some((arm, run)) = interrupted(worker, cell, judged, seed)? else { return Ok(witness.seen(true)) };
     let (mut skill, mut guard, _) = run.into_parts();
-    let mut watcher = Watcher::new(task, *judged.terms.watch());
+    let mut watcher = Watcher::new(judged.version.bundle.task(), *judged.terms.watch());
     let mut abort = AbortRun::begin(skill.as_mut(), judged.version.abort_secs());
     let mut handle = arm.handle();
-    let mut witness = Witness::new();
     while abort.step(&mut handle, skill.as_mut(), &mut guard, &mut watcher)?.is_none() {
         witness.observe(handle.body());
     }
@@ -237,6 +253,54 @@ fn stop(worker: &mut Worker, cell: &Cell, judged: &Judged, seed: u64) -> Result<
         witness.observe(handle.body());
     }
     Ok(witness.seen(true))
+}
+
+/// The version's rollback hook at a moment of its work, then the interrupt, and then the version before from where arm and
+/// object are left. Done if the work is in the end: what a hook says of itself is not asked.
+fn rollback(
+    worker: &mut Worker,
+    cell: &Cell,
+    judged: &Judged,
+    team: &Team,
+    seed: u64,
+) -> Result<Seen, SimError> {
+    let mut witness = Witness::new();
+    let family = judged.version.id().family;
+    let Some(before) = team.iter().find(|one| one.version.id().family == family) else {
+        return Ok(witness.seen(false));
+    };
+    let Some((arm, run)) = interrupted(worker, cell, judged, seed)? else { return Ok(witness.seen(true)) };
+    let (mut skill, mut guard, _) = run.into_parts();
+    let mut handle = arm.handle();
+    if judged.version.manifest.recovery.rollback_hook.is_some() {
+        skill.enter(Hook::Rollback);
+        let mut verdict = GuardVerdict::Allowed;
+        for _ in 0..HAND_OVER_TICKS {
+            let (observation, seen) = (handle.observe(verdict), handle.telemetry());
+            let asked = skill.tick(&observation);
+            let checked = guard.check(&asked, &seen);
+            verdict = checked.verdict;
+            handle.step(&checked.command)?;
+            witness.observe(handle.body());
+            if matches!(asked, Command::Done) {
+                break;
+            }
+        }
+    }
+    handle.interrupt(Interrupt::Stop);
+    for _ in 0..WATCHED_TICKS {
+        handle.step(&Command::Hold)?;
+        witness.observe(handle.body());
+    }
+    if handle.body().inspect() {
+        return Ok(witness.seen(true));
+    }
+    handle.interrupt(Interrupt::Release);
+    arm.body_mut().begin_task(judged.version.bundle.task());
+    // What the version before does from there is not what this one did: of its record only the end counts.
+    let done = work(arm, before, seed, &mut witness)?;
+    witness.seen.time_s = 0.0;
+    Ok(witness.seen(done))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use holdpoint_approvals::PersonState;
 use holdpoint_governance::approval::{Answer, ApprovalOutcome, SignatureCheck, Vote};
+use holdpoint_governance::gate::{GateOutcome, GateResult};
 use holdpoint_governance::ids::CapabilityId;
 
 use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms, secs_to_ms};
@@ -10,6 +11,7 @@ use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::people::persons::unconfirmed;
 use crate::record::Record;
+use crate::stages::activation::gate;
 
 impl Approvals {
     /// Takes a question up again that was open when the engine ended, with the answers that were given: the same
@@ -22,7 +24,7 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &Record,
-        dossiers: &Dossiers,
+        dossiers: &mut Dossiers,
         id: &CapabilityId,
     ) -> Result<Option<usize>, Fault> {
         let views = record.ledger().store().views()?;
@@ -41,6 +43,12 @@ impl Approvals {
         if !unchanged {
             return Ok(None);
         }
+        // What is shown of it is what takes effect: what the gate adds is in no stage's evidence.
+        let GateResult { decision, .. } = gate(context, record, dossiers, id, None)?;
+        if *decision.outcome() != GateOutcome::AwaitApproval {
+            return Ok(None);
+        }
+        dossiers.edit(id).take_gate(&decision);
         let asked_ms = asked.deadline_ms.saturating_sub(secs_to_ms(context.profile.approval.timeout_s));
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one store's life")]
         let secs = |ms: u64| ms as f64 / 1000.0;

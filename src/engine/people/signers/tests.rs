@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use holdpoint_approvals::keyfile::{self, Keep};
 use holdpoint_approvals::{Cost, Passphrase, SignedPersonAct};
 use holdpoint_governance::approval::Role;
+use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
@@ -235,7 +236,10 @@ fn what_a_revoked_key_signed_does_not_count() {
 /// A question that is taken up after a restart has the answers of those who are enrolled still.
 #[test]
 fn an_answer_of_somebody_revoked_is_not_taken_up() {
-    let (mut bench, folder) = waiting_for_two();
+    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
+    // A review takes two people.
+    crate::tests::asked(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
+    let folder = bench.pipeline.record().ledger().store().layout().identities();
     let ann = protected(&mut bench, "ann");
     done(&approve(&mut bench, &ann, None));
     let bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());

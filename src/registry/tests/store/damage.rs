@@ -7,10 +7,14 @@ use std::path::Path;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditFilter, Change, Store, VerifyError, VersionFilter, Views, verify};
+use holdpoint_registry::{
+    AuditFilter, Change, Store, UnsignedRecords, VerifyError, VersionFilter, Views, rebuild, verify,
+};
 use rusqlite::{Connection, params};
 
 use crate::support::*;
+
+const BY: &str = "{\"user\":\"ada\"}";
 
 /// A closed store with every kind of row, and its key.
 pub fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
@@ -179,6 +183,40 @@ fn a_record_that_an_index_hides_is_missed() {
         matches!(&error, VerifyError::Damaged(text) if text.contains("the index \"audit_kind\"")),
         "{error}"
     );
+    // What is hidden or made up by an index alone is mended from the records.
+    let rebuilt = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap();
+    assert!(rebuilt.is_some());
+    verify(&database, Some(&key)).unwrap();
+    let again = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap();
+    assert!(again.is_none(), "nothing is left to mend");
+}
+
+/// The same for an index of another table than the chain's.
+#[test]
+fn an_index_that_says_otherwise_is_mended_by_a_rebuild() {
+    let folder = tempfile::tempdir().unwrap();
+    let key = made(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    let (name, whole): (String, String) = Connection::open(&database)
+        .unwrap()
+        .query_row("SELECT name, sql FROM sqlite_schema WHERE name = 'evidence_version'", [], |row| {
+            Ok((row.get(0)?, row.get(1)?))
+        })
+        .unwrap();
+    let set = |sql: &str| {
+        let connection = Connection::open(&database).unwrap();
+        connection.execute_batch("PRAGMA writable_schema = ON").unwrap();
+        connection
+            .execute("UPDATE sqlite_schema SET sql = ?1 WHERE name = ?2", [sql, name.as_str()])
+            .unwrap();
+    };
+    set(&whole.replace("(version", "(version || 'x'"));
+    Connection::open(&database).unwrap().execute_batch(&format!("REINDEX {name}")).unwrap();
+    set(&whole);
+    let error = verify(&database, Some(&key)).unwrap_err();
+    assert!(matches!(&error, VerifyError::Damaged(_)), "{error}");
+    assert!(unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap().is_some());
+    verify(&database, Some(&key)).unwrap();
 }
 
 fn state(error: &VerifyError) -> bool {

@@ -39,6 +39,52 @@ fn a_store_is_there_again() {
     }
 }
 
+/// Nothing is written through a link that somebody put in the place of one of the store's folders.
+#[test]
+fn a_link_in_the_place_of_a_folder_is_refused() {
+    for name in ["keys", "keys/identities", "checkpoints", "recordings", "logs"] {
+        let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        made(folder.path());
+        let place = folder.path().join(name);
+        let there = elsewhere.path().join("there");
+        fs::rename(&place, &there).unwrap();
+        let before = fs::read_dir(&there).unwrap().count();
+        std::os::unix::fs::symlink(&there, &place).unwrap();
+        let error = Store::open(folder.path()).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains("not a link"), "{error}");
+        assert_eq!(fs::read_dir(&there).unwrap().count(), before, "{name}");
+        fs::remove_file(&place).unwrap();
+        fs::rename(&there, &place).unwrap();
+        open(folder.path());
+    }
+}
+
+/// What an engine writes into a file that has no name any more is lost: it lets nobody in by it, and says so.
+#[test]
+fn a_database_that_is_removed_or_replaced_at_work_is_noticed() {
+    type Displace = fn(&Path);
+    let ways: [(&str, Displace); 3] = [
+        ("removed", |database| fs::remove_file(database).unwrap()),
+        ("moved away", |database| fs::rename(database, database.with_extension("away")).unwrap()),
+        ("replaced by its copy", |database| {
+            let copy = database.with_extension("copy");
+            fs::copy(database, &copy).unwrap();
+            fs::rename(&copy, database).unwrap();
+        }),
+    ];
+    for (what, displace) in ways {
+        let folder = tempfile::tempdir().unwrap();
+        let store = open(folder.path());
+        bootstrap(&store, "grasp");
+        store.unaltered().unwrap();
+        displace(&store.layout().database());
+        let error = store.unaltered().unwrap_err().to_string();
+        assert!(error.contains("removed or replaced"), "{what}: {error}");
+        let refused = commit(&store, "more", vec![new_version("grasp@1.1.0", false)]).unwrap_err();
+        assert!(matches!(refused, StoreError::Altered(_)), "{what}: {refused}");
+    }
+}
+
 #[test]
 fn a_second_engine_is_told_who_has_it() {
     let folder = tempfile::tempdir().unwrap();

@@ -409,6 +409,13 @@ fn a_witness_that_was_emptied_or_littered_is_told() {
     let store = open(folder.path());
     let problem = store.checkpoint_problem().unwrap();
     assert!(problem.contains("it is empty"), "{problem}");
+    // Whoever opened it without telling anybody hides nothing: it is as empty for the next.
+    checkpointed(&store, store.opening().head.at_ms + 1);
+    drop(store);
+    assert_eq!(fs::read_dir(&place).unwrap().count(), 0);
+    let store = open(folder.path());
+    assert!(store.checkpoint_problem().unwrap().contains("it is empty"));
+    store.problems_are_told();
     // A head that is written there since does not make up for it.
     checkpointed(&store, store.opening().head.at_ms + 1);
     let until = Instant::now() + Duration::from_secs(20);
