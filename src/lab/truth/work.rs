@@ -310,22 +310,53 @@ mod tests {
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
 
+    fn judged(context: &Context, version: Capability) -> Judged {
+        let declared = &version.manifest.permissions;
+        let terms = context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
+        Judged { terms, version }
+    }
+
+    fn context() -> Context {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let table = PolicyTable::builtin(&profile).unwrap();
+        Context::new(profile, table, None, Cell::builtin().unwrap()).unwrap()
+    }
+
+    fn team() -> Team {
+        let context = context();
+        let baselines = holdpoint_engine::embedded::baselines().unwrap();
+        baselines.into_iter().map(|version| judged(&context, version)).collect()
+    }
+
+    /// What a hook says of itself is not asked: what counts is where it leaves arm and object to whoever goes on.
+    #[test]
+    fn a_rollback_is_judged_by_what_comes_of_it() {
+        let (cell, team) = (Cell::builtin().unwrap(), team());
+        let place = team.iter().find(|one| one.version.bundle.task() == TaskKind::Place).unwrap();
+        let mut worker = Worker::new();
+        let mut ends = |one: &Judged| -> Vec<Seen> {
+            (0..12)
+                .filter_map(|index| item(&mut worker, &cell, one, &team, Channel::Rollbacks, index))
+                .collect()
+        };
+        let before = ends(place);
+        assert!(before.len() > 8, "{before:?}");
+        assert!(before.iter().filter(|seen| seen.done).count() * 10 >= before.len() * 8, "{before:?}");
+        let mut package = (*place.version.package).clone();
+        let (from, to) = ("rollback = \"handover\"", "rollback = \"none\"");
+        assert!(package.params.contains(from), "{}", package.params);
+        package.params = package.params.replace(from, to);
+        let silent = judged(&context(), Capability::load("silent", package).unwrap());
+        // It never says that it is done: the interrupt stops the arm, and the version before goes on from there.
+        let after = ends(&silent);
+        assert_eq!(after.len(), before.len());
+        assert!(after.iter().zip(&before).any(|(after, before)| after != before));
+    }
+
     /// A sequence is of three versions, whichever of them is the one that is judged.
     #[test]
     fn a_sequence_of_the_same_versions_is_the_same() {
-        let cell = Cell::builtin().unwrap();
-        let profile = Profile::builtin(ProfileName::Sim).unwrap();
-        let table = PolicyTable::builtin(&profile).unwrap();
-        let context = Context::new(profile, table, None, cell.clone()).unwrap();
-        let terms = |version: &Capability| {
-            let declared = &version.manifest.permissions;
-            context.terms().capped(declared.max_speed_m_s, declared.max_force_n)
-        };
-        let team: Team = holdpoint_engine::embedded::baselines()
-            .unwrap()
-            .into_iter()
-            .map(|version| Judged { terms: terms(&version), version })
-            .collect();
+        let (cell, team) = (Cell::builtin().unwrap(), team());
         let mut worker = Worker::new();
         let mut done = 0;
         for index in 0..4 {
