@@ -86,22 +86,14 @@ impl NotAdmitted {
 /// A version with the terms it is measured under and the fallback it has now.
 #[must_use]
 pub fn party(context: &Context, ledger: &Ledger, dossiers: &Dossiers, version: &Capability) -> Party {
-    let fallback = version.manifest.recovery.fallback.as_ref();
-    let fallback = fallback.and_then(|binding| ledger.resolve(&binding.family, &binding.version).cloned());
-    Party { version: version.clone(), terms: measured_terms_of(context, dossiers, version), fallback }
+    let terms = measured_terms_of(context, dossiers, version);
+    Party { version: version.clone(), terms, fallback: fallback(ledger, version).cloned() }
 }
 
 /// Who works beside a candidate in whole sequences now: the active versions of the other families.
 #[must_use]
 pub fn team(context: &Context, ledger: &Ledger, dossiers: &Dossiers, candidate: &Capability) -> Team {
-    let active = ledger.families().filter_map(|(_, entry)| Some(&entry.active()?.capability));
-    let own = candidate.id().family;
-    // A fallback is no part of a sequence, whatever task its code is for.
-    let works = |version: &&Capability| {
-        let family = &version.id().family;
-        *family != own && TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == *family)
-    };
-    let parties = active.filter(works).map(|version| party(context, ledger, dossiers, version));
+    let parties = beside(ledger, candidate).map(|version| party(context, ledger, dossiers, version));
     Team::beside(candidate.bundle.task(), parties)
 }
 
@@ -115,7 +107,35 @@ pub fn binding(context: &Context, ledger: &Ledger, capability: &Capability) -> B
         profile: context.profile_digest,
         policy: context.table.digest,
         environment: context.cell.digest(),
+        neighbours: neighbours(ledger, capability),
     }
+}
+
+/// Digest of who works beside a version now: the active versions of the other families of a sequence, and its fallback.
+fn neighbours(ledger: &Ledger, capability: &Capability) -> Option<Digest> {
+    let beside = beside(ledger, capability).map(Capability::digest);
+    let all: Vec<Digest> = beside.chain(fallback(ledger, capability).map(Capability::digest)).collect();
+    let parts: Vec<&[u8]> = all.iter().map(|digest| digest.bytes().as_slice()).collect();
+    (!parts.is_empty()).then(|| Digest::of_parts("holdpoint.neighbours.v1", &parts))
+}
+
+/// The active versions of the other families of a sequence, if the version is part of one.
+fn beside<'a>(ledger: &'a Ledger, capability: &Capability) -> impl Iterator<Item = &'a Capability> {
+    // A fallback is no part of a sequence, whatever task its code is for.
+    let works = |family: &Family| TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == *family);
+    let own = capability.id().family;
+    let is_part = works(&own);
+    let active = ledger.families().filter_map(|(_, entry)| Some(&entry.active()?.capability));
+    active.filter(move |version| {
+        let family = &version.id().family;
+        is_part && *family != own && works(family)
+    })
+}
+
+/// What its manifest binds as a fallback, as the registry has it now.
+fn fallback<'a>(ledger: &'a Ledger, capability: &Capability) -> Option<&'a Capability> {
+    let bound = capability.manifest.recovery.fallback.as_ref()?;
+    ledger.resolve(&bound.family, &bound.version)
 }
 
 /// What a decision on a candidate is made under now.
@@ -134,6 +154,7 @@ pub fn made_under(
         profile: binding.profile,
         authority: authority_digest(ledger),
         environment: binding.environment,
+        neighbours: binding.neighbours,
         evidence,
     }
 }

@@ -198,6 +198,31 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
     assert!(pipeline.snapshot().candidates.is_empty());
 }
 
+/// Two candidates that were each tried beside the versions of before are not let in beside one another: what was
+/// gathered with another neighbour does not count.
+#[test]
+fn what_was_tried_beside_others_is_stale() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bench = pipeline(folder.path(), ProfileName::Sim);
+    let id = at_the_gate(&mut bench);
+    let stale = |bench: &Pipeline, id: &CapabilityId| {
+        let snapshot = bench.snapshot();
+        let found = snapshot.candidates.iter().find(|one| one.version == *id).map(|one| one.stale.clone());
+        found.unwrap()
+    };
+    assert_eq!(stale(&bench, &id), []);
+    let neighbour = Operation {
+        version: "place@1.0.0".parse().unwrap(),
+        by: "ada".to_owned(),
+        reason: "another one comes".to_owned(),
+    };
+    accepted(&bench.command(Command::Vacate(neighbour)));
+    assert_eq!(stale(&bench, &id), [StaleCause::Neighbours]);
+    bench.advance();
+    let standing = bench.record().ledger().version(&id).unwrap().1.state;
+    assert_ne!(standing, State::Active);
+}
+
 /// Kappas that every limit is passed with, so that nothing but what is tested can stop a candidate at the gate.
 fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
     shadowed(pipeline, PolicyOutcome::Compatible, Vec::new())

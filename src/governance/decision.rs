@@ -130,6 +130,9 @@ pub struct MadeUnder {
     pub authority: Digest,
     /// Robot, scene and engine build.
     pub environment: Digest,
+    /// The versions beside it, and its fallback; absent where it has neither, and in decisions of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub neighbours: Option<Digest>,
     /// The evidence the decision was computed from, canonical JSON.
     pub evidence: Digest,
 }

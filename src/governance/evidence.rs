@@ -22,6 +22,10 @@ pub struct Binding {
     pub policy: Digest,
     /// Robot, scene, perturbations and engine build.
     pub environment: Digest,
+    /// The versions it works beside in a sequence, and its fallback; absent where it has neither, and in evidence of older
+    /// builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub neighbours: Option<Digest>,
 }
 
 crate::words! {
@@ -37,6 +41,8 @@ crate::words! {
         Policies = "policies",
         /// Robot, scene, perturbations or the build that computes episodes are others.
         Environment = "environment",
+        /// Other versions are active beside it, or its fallback is another one.
+        Neighbours = "team",
     }
 }
 
@@ -52,6 +58,7 @@ impl Binding {
             (self.profile != now.profile, StaleCause::Profile),
             (policies, StaleCause::Policies),
             (self.environment != now.environment, StaleCause::Environment),
+            (self.neighbours != now.neighbours, StaleCause::Neighbours),
         ];
         all.into_iter().filter_map(|(differs, cause)| differs.then_some(cause)).collect()
     }

@@ -367,7 +367,7 @@ impl GateFindings {
             self.demote.push(reason(ReasonCode::GateNoData, "there is no evidence"));
         }
         if input.bindings.iter().any(|binding| binding != input.current) {
-            let text = "evidence of another version, profile, policy, environment or active version";
+            let text = "evidence of another version, profile, policy, environment or active version, or beside others";
             self.demote.push(reason(ReasonCode::GateStaleEvidence, text));
         }
         let (under, now) = (&input.made_under, input.current);
@@ -375,7 +375,8 @@ impl GateFindings {
             && under.active == now.active
             && under.policy == now.policy
             && under.profile == now.profile
-            && under.environment == now.environment;
+            && under.environment == now.environment
+            && under.neighbours == now.neighbours;
         if !same {
             let text = "the decision's circumstances are not the evidence's";
             self.demote.push(reason(ReasonCode::GateStaleEvidence, text));

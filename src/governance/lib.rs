@@ -132,6 +132,7 @@
 //!     profile: profile.digest()?,
 //!     policy: table.digest,
 //!     environment: Digest::of_parts("example", &[b"cell 7"]),
+//!     neighbours: None,
 //! };
 //! let episode = |success| EpisodeValues {
 //!     success,
@@ -166,6 +167,7 @@
 //!     profile: binding.profile,
 //!     authority: Digest::of_parts("example", &[b"nobody is asked in sim"]),
 //!     environment: binding.environment,
+//!     neighbours: binding.neighbours,
 //!     evidence: Digest::of_json("example.evidence", &episodes)?,
 //! };
 //! let context = PsiContext { has_approver: profile.has_approver() };

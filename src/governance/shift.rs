@@ -275,8 +275,14 @@ mod tests {
             twin_conduct: conduct(0.001 + more_m + 1e-5 * f64::from(seed % 50)),
         };
         let digest = Digest::of_parts("test", &[]);
-        let binding =
-            Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest };
+        let binding = Binding {
+            candidate: digest,
+            active: None,
+            profile: digest,
+            policy: digest,
+            environment: digest,
+            neighbours: None,
+        };
         ShadowEvidence { binding, sequences: (0..count).map(sequence).collect(), hard_stops: Vec::new() }
     }
 

@@ -136,6 +136,7 @@ impl Bench {
             profile: digest(),
             policy: digest(),
             environment: digest(),
+            neighbours: None,
         };
         let evidence = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
         behavior::assess(&evidence, &binding, &profile)

@@ -365,6 +365,7 @@ const fn bound(under: &MadeUnder) -> Binding {
         profile: under.profile,
         policy: under.policy,
         environment: under.environment,
+        neighbours: under.neighbours,
     }
 }
 

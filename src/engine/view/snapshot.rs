@@ -104,7 +104,7 @@ impl SnapshotView<'_> {
     }
 
     /// Why what was measured of a version does not count any more. Of history nothing counts; whoever took over was
-    /// compared with the one before.
+    /// compared with the one before, beside those of then.
     fn stale(&self, of: &Capability, state: State, dossier: &Dossier) -> Vec<StaleCause> {
         if dossier.bindings.is_empty() || state.is_terminal() {
             return Vec::new();
@@ -115,7 +115,9 @@ impl SnapshotView<'_> {
             .bindings
             .iter()
             .flat_map(|then| then.stale_against(&now))
-            .filter(|cause| !(took_over && *cause == StaleCause::ActiveVersion))
+            .filter(|cause| {
+                !(took_over && matches!(cause, StaleCause::ActiveVersion | StaleCause::Neighbours))
+            })
             .collect();
         stale.into_iter().collect()
     }

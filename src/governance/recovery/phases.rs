@@ -136,8 +136,14 @@ mod tests {
 
     fn judged(candidate: &Drills, active: &Drills) -> super::super::RecoveryAssessment {
         let digest = Digest::of_parts("test", &[]);
-        let binding =
-            Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest };
+        let binding = Binding {
+            candidate: digest,
+            active: None,
+            profile: digest,
+            policy: digest,
+            environment: digest,
+            neighbours: None,
+        };
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         super::super::assess(
             &RecoveryEvidence { binding, candidate: *candidate, active: *active },

@@ -83,6 +83,7 @@ impl Subjects {
             profile: self.profile.digest()?,
             policy: self.table.digest,
             environment: self.cell.digest(),
+            neighbours: None,
         })
     }
 
@@ -96,6 +97,7 @@ impl Subjects {
             profile: binding.profile,
             authority: Digest::of_parts("holdpoint.bench.v1", &[b"authority"]),
             environment: binding.environment,
+            neighbours: binding.neighbours,
             evidence: Digest::of_parts("holdpoint.bench.v1", &[b"evidence"]),
         })
     }

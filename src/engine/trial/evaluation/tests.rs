@@ -28,7 +28,14 @@ fn small() -> Profile {
 
 fn binding() -> Binding {
     let digest = Digest::of_parts("test", &[]);
-    Binding { candidate: digest, active: None, profile: digest, policy: digest, environment: digest }
+    Binding {
+        candidate: digest,
+        active: None,
+        profile: digest,
+        policy: digest,
+        environment: digest,
+        neighbours: None,
+    }
 }
 
 /// A version from its folder under `manifests/`, with other texts in its package.

@@ -117,11 +117,12 @@ pub fn binding() -> Binding {
         profile: digest("profile"),
         policy: digest("policy"),
         environment: digest("environment"),
+        neighbours: Some(digest("neighbours")),
     }
 }
 
 pub fn made_under() -> MadeUnder {
-    let Binding { candidate, active, profile, policy, environment } = binding();
+    let Binding { candidate, active, profile, policy, environment, neighbours } = binding();
     MadeUnder {
         candidate,
         active,
@@ -129,6 +130,7 @@ pub fn made_under() -> MadeUnder {
         profile,
         authority: digest("authority"),
         environment,
+        neighbours,
         evidence: digest("evidence"),
     }
 }
