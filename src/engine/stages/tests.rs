@@ -4,6 +4,7 @@ mod checkpoints;
 mod kept;
 mod paused;
 mod refused;
+mod shifted;
 mod standings;
 mod telemetry;
 mod wiring;

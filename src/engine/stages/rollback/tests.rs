@@ -37,7 +37,7 @@ use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 
 /// What stands for a twin's task: no faster and no farther from its limits than live tasks of the candidates are.
-const GOOD: EpisodeValues = EpisodeValues {
+pub(crate) const GOOD: EpisodeValues = EpisodeValues {
     success: true,
     violation: false,
     anomaly: false,
