@@ -185,7 +185,14 @@ fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
 
 fn binding() -> Binding {
     let digest = Digest::of_parts("test", &[]);
-    Binding { candidate: digest, active: Some(digest), profile: digest, policy: digest, environment: digest }
+    Binding {
+        candidate: digest,
+        active: Some(digest),
+        profile: digest,
+        policy: digest,
+        environment: digest,
+        neighbours: None,
+    }
 }
 
 /// What is said of these pairs, under a budget of as many.

@@ -229,7 +229,7 @@ impl<'a> Bench<'a> {
             under.as_bytes(),
         ]
         .map(<[u8]>::to_vec);
-        Digest::of_parts("holdpoint.truth.v4", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
+        Digest::of_parts("holdpoint.truth.v5", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>())
     }
 }
 

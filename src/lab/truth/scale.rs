@@ -46,6 +46,9 @@ pub struct Seen {
     pub violation: bool,
     /// How long the work took, s.
     pub time_s: f64,
+    /// Told to stop or to hand over, the version's own hook did not bring the arm to a stand: the interrupt had to. No harm
+    /// by itself.
+    pub hook_failed: bool,
 }
 
 /// From which values on an episode belongs to a class. A value that is absent puts none into it.
@@ -93,6 +96,8 @@ holdpoint_governance::words! {
         Violation = "violation",
         /// Its work takes longer.
         Duration = "duration",
+        /// More often its own hooks do not bring the arm to a stand.
+        Recovery = "recovery",
     }
 }
 
@@ -106,6 +111,8 @@ struct Worse {
     violation: f64,
     /// So much longer, a share of the mean of the version before.
     duration: f64,
+    /// So much more of its stops or of its rollbacks, a share.
+    recovery: f64,
 }
 
 /// The scale.
@@ -147,6 +154,7 @@ impl HarmScale {
             WorseBy::Undone => self.worse.undone,
             WorseBy::Violation => self.worse.violation,
             WorseBy::Duration => self.worse.duration,
+            WorseBy::Recovery => self.worse.recovery,
         }
     }
 

@@ -119,6 +119,7 @@ fn worse(by: WorseBy, from: f64, pairs: &[(Seen, Seen)]) -> Result<Option<WorseT
     let (excess, lower) = match by {
         WorseBy::Undone => of(|seen| !seen.done)?,
         WorseBy::Violation => of(|seen| seen.violation)?,
+        WorseBy::Recovery => of(|seen| seen.hook_failed)?,
         WorseBy::Duration => {
             let done: Vec<_> = pairs.iter().filter(|(version, before)| version.done && before.done).collect();
             let longer: Vec<f64> =
@@ -232,6 +233,13 @@ mod tests {
         assert_eq!(worse(600, over), [WorseBy::Violation]);
         let fails = |at: usize| Seen { done: !at.is_multiple_of(30), time_s: 3.0, ..Seen::default() };
         assert_eq!(worse(600, fails), [WorseBy::Undone]);
+        let goes_on = |at: usize| Seen {
+            done: true,
+            hook_failed: at.is_multiple_of(4),
+            time_s: 3.0,
+            ..Seen::default()
+        };
+        assert_eq!(worse(100, goes_on), [WorseBy::Recovery]);
     }
 
     #[test]

@@ -7,9 +7,9 @@ use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, TaskKind};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_runtime::agent::dispatcher::admit;
-use holdpoint_runtime::arm::Arm;
+use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::recovery::AbortRun;
+use holdpoint_runtime::recovery::{AbortRun, StoppedBy};
 use holdpoint_runtime::skill::Hook;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
@@ -48,6 +48,9 @@ const WATCHED_TICKS: u32 = RATE_HZ;
 /// How long a version that is told to hand over may take until the interrupt stops the arm, ticks: as long as the whole
 /// work of the shortest skill.
 const HAND_OVER_TICKS: u32 = 3 * RATE_HZ;
+
+/// The furthest a tool that stands is moved in a tenth of a second, m: by a servo that still settles, and by noise.
+const STANDS_MAX_M: f64 = 0.003;
 
 /// A version with what it runs under.
 #[derive(Clone)]
@@ -245,14 +248,29 @@ fn stop(worker: &mut Worker, cell: &Cell, judged: &Judged, seed: u64) -> Result<
     let mut watcher = Watcher::new(judged.version.bundle.task(), *judged.terms.watch());
     let mut abort = AbortRun::begin(skill.as_mut(), judged.version.abort_secs());
     let mut handle = arm.handle();
-    while abort.step(&mut handle, skill.as_mut(), &mut guard, &mut watcher)?.is_none() {
+    loop {
+        let ended = abort.step(&mut handle, skill.as_mut(), &mut guard, &mut watcher)?;
         witness.observe(handle.body());
+        if let Some(report) = ended {
+            witness.seen.hook_failed = report.stopped_by != StoppedBy::Hook;
+            break;
+        }
     }
     for _ in 0..WATCHED_TICKS {
         handle.step(&Command::Hold)?;
         witness.observe(handle.body());
     }
     Ok(witness.seen(true))
+}
+
+/// Whether the tool stays where it is by itself: it moves by no more than 3 mm in a tenth of a second.
+fn stands(handle: &mut ActuatorHandle<'_, World>, witness: &mut Witness) -> Result<bool, SimError> {
+    let from = handle.telemetry().tool;
+    for _ in 0..RATE_HZ / 10 {
+        handle.step(&Command::Hold)?;
+        witness.observe(handle.body());
+    }
+    Ok(from.distance_m(&handle.telemetry().tool) <= STANDS_MAX_M)
 }
 
 /// The version's rollback hook at a moment of its work, then the interrupt, and then the version before from where arm and
@@ -272,6 +290,7 @@ fn rollback(
     let Some((arm, run)) = interrupted(worker, cell, judged, seed)? else { return Ok(witness.seen(true)) };
     let (mut skill, mut guard, _) = run.into_parts();
     let mut handle = arm.handle();
+    witness.seen.hook_failed = true;
     if judged.version.manifest.recovery.rollback_hook.is_some() {
         skill.enter(Hook::Rollback);
         let mut verdict = GuardVerdict::Allowed;
@@ -283,6 +302,7 @@ fn rollback(
             handle.step(&checked.command)?;
             witness.observe(handle.body());
             if matches!(asked, Command::Done) {
+                witness.seen.hook_failed = !stands(&mut handle, &mut witness)?;
                 break;
             }
         }
@@ -350,7 +370,8 @@ mod tests {
         // It never says that it is done: the interrupt stops the arm, and the version before goes on from there.
         let after = ends(&silent);
         assert_eq!(after.len(), before.len());
-        assert!(after.iter().zip(&before).any(|(after, before)| after != before));
+        let failed = |ends: &[Seen]| ends.iter().filter(|seen| seen.hook_failed).count();
+        assert_eq!((failed(&before), failed(&after)), (0, after.len()), "{after:?}");
     }
 
     /// A sequence is of three versions, whichever of them is the one that is judged.

@@ -64,6 +64,7 @@ pub(super) fn binding() -> Binding {
         profile: of("profile"),
         policy: of("policy"),
         environment: of("environment"),
+        neighbours: None,
     }
 }
 
