@@ -221,7 +221,11 @@ impl Identity {
             Keep::Sealed(..) => Protection::Passphrase,
         };
         keyfile::write_kept(&secret_path, &secret, keep)?;
-        keyfile::write_public(&public_path, &secret.verifying_key(), role.name())?;
+        if let Err(error) = keyfile::write_public(&public_path, &secret.verifying_key(), role.name()) {
+            // Half an identity would only keep the name from the next try.
+            drop(fs::remove_file(&secret_path));
+            return Err(error.into());
+        }
         Ok(Self {
             info: IdentityInfo { name: name.to_owned(), role, public_key: secret.verifying_key() },
             secret: Secret::Here(Box::new(secret)),
@@ -312,6 +316,18 @@ impl Identity {
             }
             Secret::Agent(_) => Err(IdentityError::WithAgent(self.info.name.clone())),
         }
+    }
+
+    /// Takes the files of a key away that was just made and is nobody's: the name is free again.
+    ///
+    /// # Errors
+    /// If they cannot be removed.
+    pub fn discard(self, folder: &Path) -> Result<(), IdentityError> {
+        let (secret, public) = paths(folder, &self.info.name)?;
+        for path in [secret, public] {
+            keyfile::remove(&path)?;
+        }
+        Ok(())
     }
 
     /// Everybody who has this key, by name, whatever their role: the same person under each of these names.

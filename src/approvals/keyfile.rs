@@ -194,6 +194,11 @@ fn put(path: &Path, bytes: &[u8], mode: u32) -> Result<(), KeyError> {
     placed.and_then(|()| force_folder(path))
 }
 
+/// Takes a key's file away, for good.
+pub(super) fn remove(path: &Path) -> Result<(), KeyError> {
+    fs::remove_file(path).map_err(io("remove", path)).and_then(|()| force_folder(path))
+}
+
 /// Forces to disk which files a file's folder has: without it a power cut may take the name of a file that was forced.
 fn force_folder(path: &Path) -> Result<(), KeyError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -62,6 +62,8 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
     }
     Ok(match (left.cause, left.in_order) {
         (Cause::Asked, true) => Exit::Confirmed,
+        // As for every verb: the store, or what was asked for, is not as it must be.
+        (Cause::Asked, false) if !left.came_up => Exit::Usage,
         (Cause::Asked, false) | (Cause::Told | Cause::Gone, _) => Exit::Held,
     })
 }

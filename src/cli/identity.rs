@@ -172,10 +172,12 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
             let passphrase = if *unprotected { None } else { Some(asked_for(passphrase_file.as_deref())?) };
             let keep = passphrase.as_ref().map_or(Keep::Plain, |words| Keep::Sealed(words, Cost::USUAL));
             layout.create().map_err(CliError::usage)?;
+            let enroller = acts::Enroller::of(context, by.as_deref(), by_passphrase_file.as_deref())?;
             let identity = Identity::create_kept(&folder, name, *role, keep).map_err(CliError::usage)?;
-            let enrolled = acts::enrol_new(context, &identity, by.as_deref(), by_passphrase_file.as_deref())?;
+            let info = identity.info().clone();
+            let enrolled = enroller.enrol(identity)?;
             let protection = Identity::protection(&folder, name).ok();
-            let shown = ListedIdentity::made(identity.info(), protection, enrolled.standing());
+            let shown = ListedIdentity::made(&info, protection, enrolled.standing());
             out.answer(&shown, |out| {
                 out.line(&format!(
                     "made the identity {} ({}, {}), public key {}",

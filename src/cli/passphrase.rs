@@ -8,12 +8,17 @@ use zeroize::Zeroizing;
 
 use crate::cli::context::CliContext;
 use crate::error::CliError;
-use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{Identity, KeptIdentity, PASSPHRASE_BYTES_MAX, Passphrase};
+use holdpoint_approvals::keyfile::{KeyError, Protection};
+use holdpoint_approvals::{
+    Identity, IdentityError, KeptIdentity, PASSPHRASE_BYTES_MAX, Passphrase, SealedError,
+};
 use holdpoint_registry::Layout;
 
 /// Names the file for verbs that are not told one.
 pub const FILE_VARIABLE: &str = "HOLDPOINT_PASSPHRASE_FILE";
+
+/// The option that names the file of who signs.
+pub(super) const FILE_OPTION: &str = "--passphrase-file";
 
 /// Somebody's identity with the secret as it is kept; the passphrase is asked for when it is known that there is
 /// something to sign.
@@ -24,19 +29,32 @@ pub(super) fn kept(context: &CliContext, name: &str) -> Result<KeptIdentity, Cli
 /// Somebody who can sign. A file that is named is for a key with a passphrase; the variable may name one for keys that
 /// have none as well.
 pub(super) fn unlock(kept: KeptIdentity, file: Option<&Path>) -> Result<Identity, CliError> {
+    unlock_by(kept, file, FILE_OPTION)
+}
+
+/// As [`unlock`], where another option names the file.
+pub(super) fn unlock_by(kept: KeptIdentity, file: Option<&Path>, option: &str) -> Result<Identity, CliError> {
     let passphrase = match (kept.protection(), file) {
         (_, Some(file)) => Some(Passphrase::read(file).map_err(CliError::usage)?),
         (Protection::None | Protection::Elsewhere, None) => None,
         (Protection::Passphrase, None) => {
             let name = &kept.info().name;
-            Some(known(
-                None,
+            Some(asked(
                 &format!("Passphrase of {name}: "),
                 &format!("the key of {name} has a passphrase"),
+                option,
             )?)
         }
     };
-    kept.unlock(passphrase.as_ref()).map_err(CliError::usage)
+    let name = kept.info().name.clone();
+    kept.unlock(passphrase.as_ref()).map_err(|error| match error {
+        IdentityError::Key(KeyError::Sealed { problem: SealedError::Passphrase, .. }) => {
+            CliError::usage(error).with_hint(format!(
+                "nothing was done; try again with that of {name}, of which {option} names the file; nobody can recover it"
+            ))
+        }
+        error => CliError::usage(error),
+    })
 }
 
 /// Whether there is somebody or something to ask for a passphrase.
@@ -48,13 +66,13 @@ fn variable() -> Option<PathBuf> {
     std::env::var_os(FILE_VARIABLE).filter(|path| !path.is_empty()).map(PathBuf::from)
 }
 
-/// A passphrase that exists: from the file, the one that the variable names, or the terminal.
-pub(super) fn known(file: Option<&Path>, ask: &str, why: &str) -> Result<Passphrase, CliError> {
-    if let Some(file) = file.map(Path::to_owned).or_else(variable) {
+/// A passphrase that exists, of which no option named the file: from the one that the variable names, or the terminal.
+fn asked(ask: &str, why: &str, option: &str) -> Result<Passphrase, CliError> {
+    if let Some(file) = variable() {
         return Passphrase::read(&file).map_err(CliError::usage);
     }
     if !io::stdin().is_terminal() {
-        let hint = format!("--passphrase-file FILE, or {FILE_VARIABLE}, names a file that has it");
+        let hint = format!("{option} FILE, or {FILE_VARIABLE}, names a file that has it");
         return Err(CliError::usage(format!("{why}, and there is no terminal to type it at")).with_hint(hint));
     }
     Passphrase::new(typed(ask)?).map_err(CliError::usage)

@@ -18,16 +18,16 @@ use self::viewer::ViewerScene;
 use super::effect::Effect;
 use super::form::NOBODY;
 use super::look::Look;
-use super::model::Model;
+use super::model::{Absence, Model};
 use super::msg::MsgKind;
 use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
 use super::theme::Themes;
 use holdpoint_approvals::Passphrase;
-use holdpoint_engine::host::Host;
+use holdpoint_engine::host::{Host, NotTaken};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Authority, Command, Refusal, Reply, Request};
-use holdpoint_text::{Hint, Problem, Untrusted};
+use holdpoint_text::{Hint, Problem, Untrusted, WIDTH_MAX};
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
 const BELL_INTERVAL_MS: u64 = 10_000;
@@ -92,7 +92,7 @@ impl Hands {
     /// If the terminal cannot be written to: it is gone.
     pub fn carry_out(&mut self, effect: Effect, place: &mut EffectTarget<'_>) -> io::Result<Outcome> {
         Ok(match effect {
-            Effect::Ask { id, question } => self.ask(id, question.into_command()),
+            Effect::Ask { id, question } => self.ask(place.model, id, question.into_command()),
             Effect::Operate { id, confirmed, passphrase } => {
                 self.ask_as(place.model, id, confirmed.into_command(), passphrase)
             }
@@ -144,10 +144,16 @@ impl Hands {
         })
     }
 
+    /// Whether there is a key of this name.
+    #[must_use]
+    pub fn knows(&self, name: &str) -> bool {
+        people::find(&self.host.identities(), name).is_ok()
+    }
+
     /// Asks the engine; a full queue is an answer as well.
     #[must_use]
-    pub fn ask(&self, id: String, command: Command) -> Outcome {
-        self.hand_over(Request::unsigned(id, command))
+    pub fn ask(&self, model: &Model, id: String, command: Command) -> Outcome {
+        self.hand_over(model, Request::unsigned(id, command))
     }
 
     /// Asks the engine, with the signature of who sits here where one is asked for.
@@ -155,7 +161,7 @@ impl Hands {
         let signing = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.signing.clone());
         let gives = command.authority() == Authority::Gives;
         let Some(signing) = signing.filter(|signing| signing.required && gives) else {
-            return self.ask(id, command);
+            return self.ask(model, id, command);
         };
         let who = model.seat.operator.as_ref().map(|who| who.name.as_str());
         let Some(name) = command.by().or(who).map(ToOwned::to_owned) else {
@@ -189,26 +195,35 @@ impl Hands {
             // The console may have ended meanwhile.
             drop(tell.blocking_send(came));
         };
-        match std::thread::Builder::new().name("signing".to_owned()).spawn(work) {
-            Ok(_) => Outcome::Quiet,
-            Err(error) => {
-                let text = format!("cannot start a thread to sign on: {error}");
-                refused(id, Refusal::BadInput, &Problem::new(text))
+        aside("signing", id, work)
+    }
+
+    /// Hands a request to the engine; a full queue is an answer as well. Where there is no engine here, what stops goes to
+    /// the one that is at work on the store, and nothing else does.
+    #[must_use]
+    pub fn hand_over(&self, model: &Model, request: Request) -> Outcome {
+        match self.host.ask(request) {
+            Ok(()) => Outcome::Quiet,
+            Err(NotTaken::Busy(request)) => {
+                let hint = "wait for its answers, then ask again";
+                let problem = Problem::new("the engine is busy").with_hint(hint);
+                refused(request.id, Refusal::NotNow, &problem)
+            }
+            Err(NotTaken::Ended(request)) if request.command.stops_what_acts() => self.stop_at_work(*request),
+            Err(NotTaken::Ended(request)) => {
+                refused(request.id, Refusal::NotNow, &model.absence().unwrap_or(Absence::Ended).problem())
             }
         }
     }
 
-    /// Hands a request to the engine; a full queue is an answer as well.
-    #[must_use]
-    pub fn hand_over(&self, request: Request) -> Outcome {
-        let id = request.id.clone();
-        match self.host.ask(request) {
-            Ok(()) => Outcome::Quiet,
-            Err(_) => {
-                let hint = "wait for its answers, then ask again";
-                refused(id, Refusal::NotNow, &Problem::new("the engine is busy").with_hint(hint))
-            }
-        }
+    /// Has the engine in another process stop what acts. It may be slow to answer: on a thread of its own.
+    fn stop_at_work(&self, request: Request) -> Outcome {
+        let (tell, engine, id) = (self.errands.clone(), self.host.elsewhere(), request.id.clone());
+        aside("stopping", id, move || {
+            let reply = Box::new(engine.ask(request.command));
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(Errand::Told(MsgKind::Answer { id: request.id, reply })));
+        })
     }
 
     fn ring(&mut self, place: &mut EffectTarget<'_>) -> io::Result<Outcome> {
@@ -241,6 +256,17 @@ impl Hands {
     }
 }
 
+/// Does what may take long beside the console, which goes on reading keys.
+fn aside(name: &str, id: String, work: impl FnOnce() + Send + 'static) -> Outcome {
+    match std::thread::Builder::new().name(name.to_owned()).spawn(work) {
+        Ok(_) => Outcome::Quiet,
+        Err(error) => {
+            let text = format!("cannot start a thread for {name}: {error}");
+            refused(id, Refusal::BadInput, &Problem::new(text))
+        }
+    }
+}
+
 /// The versions the console knows of, history included if the registry was read.
 fn known(model: &Model) -> Vec<CapabilityId> {
     let candidates = model.told.snapshot.iter().flat_map(|snapshot| &snapshot.candidates);
@@ -253,7 +279,7 @@ fn good(text: String) -> Outcome {
 }
 
 fn bad(text: String) -> Outcome {
-    Outcome::Told(MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true })
+    Outcome::Told(MsgKind::Done { text: Untrusted::new(text).display(WIDTH_MAX).into_string(), bad: true })
 }
 
 fn refused(id: String, code: Refusal, problem: &impl Hint) -> Outcome {

@@ -5,6 +5,7 @@
 
 use super::line::EditLine;
 use super::operator::Operator;
+use super::prompt::GUARD_MS;
 use super::secret::Signing;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -133,6 +134,20 @@ impl Intent {
         !matches!(self, Self::Abort(_) | Self::Quit)
     }
 
+    /// Whether it stops or tightens what acts, or leaves: what is asked for also where no engine is at work here.
+    #[must_use]
+    pub const fn stops(&self) -> bool {
+        matches!(
+            self,
+            Self::Abort(_)
+                | Self::Rollback(_)
+                | Self::Vacate(_)
+                | Self::Restrict(_)
+                | Self::Pause(_)
+                | Self::Quit
+        )
+    }
+
     const fn needs_reason(&self) -> bool {
         !matches!(self, Self::Abort(_) | Self::Register(_) | Self::Quit)
     }
@@ -167,6 +182,8 @@ pub struct Form {
     pub problem: Option<String>,
     /// What was typed to sign for it, while a passphrase is asked for.
     pub signing: Option<Signing<()>>,
+    /// Console time at which it was opened, ms.
+    pub opened_ms: u64,
 }
 
 /// What is said where a person's name is missing.
@@ -219,7 +236,21 @@ impl Form {
             focus,
             problem: None,
             signing: None,
+            opened_ms: 0,
         }
+    }
+
+    /// Opened at this console time.
+    #[must_use]
+    pub const fn opened_at(mut self, now_ms: u64) -> Self {
+        self.opened_ms = now_ms;
+        self
+    }
+
+    /// Whether it opened a moment ago: the key that confirms may have been typed for something else.
+    #[must_use]
+    pub const fn is_guarded(&self, now_ms: u64) -> bool {
+        now_ms.saturating_sub(self.opened_ms) < GUARD_MS
     }
 
     /// What can have the keys, in the order of Tab.

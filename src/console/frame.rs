@@ -35,9 +35,10 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
         return;
     }
     views::banner::draw(model, &mut pen, above(area, 1));
-    let foot = area.height - 2;
+    let hints = views::hints::height(model, area);
+    let foot = area.height - 1 - hints;
     views::status::draw(model, &mut pen, Rect { y: area.y + foot, height: 1, ..area });
-    views::hints::draw(model, &mut pen, Rect { y: area.y + foot + 1, height: 1, ..area });
+    views::hints::draw(model, &mut pen, Rect { y: area.y + foot + 1, height: hints, ..area });
     let body = below(Rect { height: foot, ..area }, 1);
     match &model.entry.overlay {
         // The whole decision must be readable: it takes all there is.
@@ -61,7 +62,8 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
 pub fn decision_on_screen(model: &Model, look: &Look, area: Rect) -> Option<OnScreen> {
     let Some(Overlay::Prompt(prompt)) = &model.entry.overlay else { return None };
     let fit = Fit::of(area.width, area.height);
-    let body = Rect { y: area.y + 1, height: area.height.checked_sub(3)?, ..area };
+    let hints = views::hints::height(model, area);
+    let body = Rect { y: area.y + 1, height: area.height.checked_sub(2 + hints)?, ..area };
     if fit == Fit::Tiny && body.height < views::tiny::OVERLAY_HEIGHT_MIN {
         return None;
     }
@@ -71,6 +73,10 @@ pub fn decision_on_screen(model: &Model, look: &Look, area: Rect) -> Option<OnSc
 
 /// The view itself with the lines above it; tells where the view is.
 fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
+    if let Some(absence) = model.bare_absence() {
+        views::alone::draw(model, absence, pen, area);
+        return area;
+    }
     views::tabs::views(model, pen, above(area, 1));
     let mut body = below(area, 1);
     if let Some(sentence) = views::tour::sentence(model) {

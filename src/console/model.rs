@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub use asking::{AskedFor, Asking, PendingRequest};
 pub use entry::{Overlay, Typed, Typing};
 pub use place::{Frozen, ItemKey, ListCursor, STORY_PANE, View, ViewState};
-pub use told::{EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
+pub use told::{Absence, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 
 use super::keymap::Keymap;
 use super::operator::Operator;
@@ -23,6 +23,9 @@ use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 
 /// How long an answer stays in the status line, ms.
 pub const NOTICE_MS: u64 = 8_000;
+
+/// How long a byte of a long answer takes to read, ms.
+pub const NOTICE_BYTE_MS: u64 = 60;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
@@ -99,6 +102,18 @@ impl Model {
     #[must_use]
     pub fn story(&self) -> &VecDeque<StoryLine> {
         self.place.frozen.as_ref().map_or(&self.told.story, |frozen| &frozen.story)
+    }
+
+    /// Why no engine is at work here; absent if one is, or is about to be.
+    #[must_use]
+    pub const fn absence(&self) -> Option<Absence> {
+        self.told.engine.absence()
+    }
+
+    /// As [`Self::absence`], where nothing was ever told that could be looked at.
+    #[must_use]
+    pub const fn bare_absence(&self) -> Option<Absence> {
+        if self.told.snapshot.is_some() { None } else { self.absence() }
     }
 
     /// How old the newest snapshot is if it is stale, ms.

@@ -6,6 +6,7 @@ use ratatui::crossterm::event::KeyEvent;
 
 use super::operator::Operator;
 use super::prompt::OnScreen;
+use holdpoint_engine::host::EndFault;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::picture::Picture;
@@ -41,7 +42,7 @@ pub enum MsgKind {
     Snapshot(Arc<Snapshot>),
     /// What the cell looks like now.
     Picture(Arc<Picture>),
-    EngineEnded(Result<(), String>),
+    EngineEnded(Result<(), EndFault>),
     /// Who could sit here.
     Identities(Vec<Operator>),
     /// Who sits here from now on.

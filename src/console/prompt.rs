@@ -37,7 +37,9 @@ pub enum Obstacle {
     ReadOnly,
     /// Nobody has said who sits here.
     NoIdentity,
-    /// The evidence changed, or the question is closed.
+    /// The question is closed: nothing is left to decide.
+    Closed,
+    /// The evidence changed.
     Stale,
     /// The prompt opened a moment ago.
     Guard,
@@ -64,6 +66,7 @@ impl Obstacle {
         match self {
             Self::ReadOnly => "this console is read-only",
             Self::NoIdentity => "say who you are: `:as NAME`",
+            Self::Closed => "the question is closed: nothing is left to decide",
             Self::Stale => "evidence changed: r reads it again",
             Self::Guard => "wait a moment",
             Self::OwnWork => "you made it: somebody else decides (`:as NAME`)",
@@ -100,6 +103,8 @@ pub struct Prompt {
     pub short_id: EditLine,
     pub reason: EditLine,
     pub stale: Option<Stale>,
+    /// Whether the question is not there any more: neither an answer nor reading it again means anything.
+    pub closed: bool,
     /// Why the last key did nothing.
     pub refused: Option<Obstacle>,
     /// Lines scrolled down; the screen stops at the last.
@@ -200,6 +205,7 @@ impl Prompt {
             short_id: EditLine::default(),
             reason: EditLine::default(),
             stale: None,
+            closed: false,
             refused: None,
             scroll: 0,
             signing: None,
@@ -231,10 +237,16 @@ impl Prompt {
 
     /// Holds what was read against how things stand. Once stale it stays so until it is read again.
     pub fn look(&mut self, snapshot: &Snapshot) {
+        let now = self.question(snapshot);
+        self.closed = now.is_none();
+        if self.closed {
+            // No passphrase is asked for an answer that is none any more; what was handed over is answered.
+            self.signing = self.signing.take().filter(Signing::is_checked);
+            self.focus = Focus::Hold;
+        }
         if self.stale.is_some() {
             return;
         }
-        let now = self.question(snapshot);
         let what = match now {
             None => Some("the question is closed"),
             Some(now) if now.candidate != self.seen.candidate => Some("the candidate changed"),
@@ -281,7 +293,8 @@ impl Prompt {
             (emergency && !approves, Obstacle::NoRefusal),
             (read_only, Obstacle::ReadOnly),
             (who.is_none(), Obstacle::NoIdentity),
-            (self.stale.is_some(), Obstacle::Stale),
+            (self.closed, Obstacle::Closed),
+            (self.stale.is_some() && !self.closed, Obstacle::Stale),
             (guarded, Obstacle::Guard),
             // A refusal needs no reading.
             (approves && self.unread() > 0, Obstacle::Unread),

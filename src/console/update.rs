@@ -17,9 +17,10 @@ pub(super) use typing::into_line;
 
 use super::action::Action;
 use super::effect::Effect;
-use super::model::{EngineState, Frozen, Model, NOTICE_MS, Notice, Overlay, View};
+use super::model::{EngineState, Frozen, Model, NOTICE_BYTE_MS, NOTICE_MS, Notice, Overlay, View};
 use super::msg::{Msg, MsgKind};
 use super::palette::Palette;
+use holdpoint_text::Hint as _;
 
 /// Halvings of a chart's range at most.
 const ZOOM_MAX: u8 = 6;
@@ -85,7 +86,9 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         }
         MsgKind::EngineEnded(how) => {
             if let Err(why) = &how {
-                tell(model, format!("the engine ended: {why}"), true);
+                let came_up = model.told.engine == EngineState::Running;
+                let what = if came_up { "the engine ended" } else { "the engine did not come up" };
+                tell(model, format!("{what}: {why}"), true);
             }
             model.told.engine = EngineState::Ended(how);
             Vec::new()
@@ -124,8 +127,11 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
 
 /// Puts a sentence into the status line.
 fn tell(model: &mut Model, text: impl Into<String>, bad: bool) {
-    let until_ms = model.now_ms.saturating_add(NOTICE_MS);
-    model.notice = Some(Notice { text: text.into(), bad, until_ms });
+    let text = text.into();
+    // A long answer takes longer to read.
+    let reading_ms = u64::try_from(text.len()).unwrap_or(u64::MAX).saturating_mul(NOTICE_BYTE_MS);
+    let until_ms = model.now_ms.saturating_add(reading_ms.max(NOTICE_MS));
+    model.notice = Some(Notice { text, bad, until_ms });
 }
 
 /// A key goes to what has the keys: typed text, an overlay, the view.
@@ -155,6 +161,12 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         tell(model, format!("{:?} is not possible: this console is read-only", action.word()), true);
         return Vec::new();
     }
+    let bare = model.bare_absence().is_some();
+    if let Some(absence) = model.absence()
+        && (if bare { !works_without_engine(action) } else { action.changes_something() && !brakes(action) })
+    {
+        return refuse(model, &absence.problem().sentence());
+    }
     if action.aims_at_item() && moving::has_slipped(model) {
         return refuse(
             model,
@@ -171,8 +183,10 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::ShowAudit => show(model, View::Audit),
         Action::JumpToAlarm => moving::jump_to_alarm(model),
         Action::Help => {
-            let actions =
-                Action::ALL.iter().copied().filter(|action| means_something(model.place.view, *action));
+            let bare = model.bare_absence().is_some();
+            let actions = Action::ALL.iter().copied().filter(|action| {
+                means_something(model.place.view, *action) && (!bare || works_without_engine(*action))
+            });
             model.entry.overlay = Some(Overlay::Palette(Palette::new(actions.collect())));
             Vec::new()
         }
@@ -244,6 +258,26 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
             refuse(model, "open the waiting approval first (a, then Enter)")
         }
     }
+}
+
+/// Whether an action does something where no engine is at work and nothing was ever told.
+const fn works_without_engine(action: Action) -> bool {
+    matches!(
+        action,
+        Action::Stop
+            | Action::Quit
+            | Action::Help
+            | Action::CommandLine
+            | Action::Back
+            | Action::NextTheme
+            | Action::Mouse
+            | Action::Suspend
+    )
+}
+
+/// Whether an action stops or tightens what acts: asked of whatever engine is at work.
+const fn brakes(action: Action) -> bool {
+    matches!(action, Action::Abort | Action::Pause | Action::Rollback | Action::Restrict)
 }
 
 /// Whether an action belongs into a view's help.

@@ -1,6 +1,7 @@
 //! The screens. Each reads the model and draws; none changes anything, and none decides what a key does.
 
 pub mod alarms;
+pub mod alone;
 pub mod approvals;
 pub mod audit;
 pub mod banner;

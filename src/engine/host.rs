@@ -8,6 +8,7 @@
 //! A panic on the engine's thread does not end the process: the pipeline holds with a latched alarm, and the host
 //! goes on answering.
 
+mod elsewhere;
 mod publisher;
 mod serving;
 mod update;
@@ -16,15 +17,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, watch};
 
+pub use self::elsewhere::EngineElsewhere;
 use self::publisher::Publisher;
 use self::serving::{Serving, said};
-pub use self::update::{OUTSTANDING_MAX, UPDATES_MAX, Update};
+pub use self::update::{EndFault, OUTSTANDING_MAX, UPDATES_MAX, Update};
 use super::Config;
 use super::door::Signals;
 use super::pump::Pump;
@@ -38,7 +40,6 @@ use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::{MakeSink, Serve};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
-use holdpoint_text::Hint;
 
 /// By how much evaluation stands back behind the front end's thread.
 const NICE: i32 = 5;
@@ -67,10 +68,16 @@ impl HostConfig {
     }
 }
 
-/// A request that was not taken: too many are under way, or the engine has ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the engine is busy: {OUTSTANDING_MAX} requests wait already, or it has ended")]
-pub struct Busy;
+/// Why a request was not taken; it comes back with it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NotTaken {
+    /// Too many are under way; there is room again once some are answered.
+    #[error("the engine is busy: {OUTSTANDING_MAX} requests wait already")]
+    Busy(Box<Request>),
+    /// There is no engine in this process: it has ended, or never came up.
+    #[error("no engine is at work here")]
+    Ended(Box<Request>),
+}
 
 /// An engine that did not end in time.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -80,15 +87,23 @@ pub enum StopError {
     Late(Duration),
     /// It ended with an error.
     #[error("{0}")]
-    Failed(String),
+    Failed(EndFault),
 }
 
 /// What the front end's thread reaches of the engine's without asking it.
 #[derive(Default)]
 struct Shared {
     switch: OnceLock<Arc<Switch>>,
+    /// Whether nobody takes requests any more. Held while one is handed over, so that none is lost in between.
+    ended: Mutex<bool>,
     /// Has the live scene served.
     serve: OnceLock<Serve>,
+}
+
+impl Shared {
+    fn ended(&self) -> MutexGuard<'_, bool> {
+        self.ended.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// A running engine. Dropping it ends the engine in an orderly way, without waiting for that.
@@ -103,7 +118,7 @@ pub struct Host {
     /// What the live cell looks like; absent until it has moved.
     pub pictures: watch::Receiver<Option<Arc<Picture>>>,
     layout: Layout,
-    thread: Option<JoinHandle<Result<(), String>>>,
+    thread: Option<JoinHandle<Result<(), EndFault>>>,
 }
 
 impl Host {
@@ -131,23 +146,34 @@ impl Host {
         Self { requests, outstanding, shared, updates, snapshots, pictures, layout, thread }
     }
 
-    /// Hands a request over. Its answer comes as [`Update::Answer`]. Never waits; an operator's stop or abort stops
+    /// Hands a request over. Its answer comes as [`Update::Answer`], or the request as [`Update::Returned`] if the engine
+    /// ends before it takes it. Never waits; an operator's stop or abort stops
     /// the arm here and now, before the engine has read it. A stop does so even if the engine is busy, and is put on
     /// record then without an answer.
     ///
     /// # Errors
-    /// [`Busy`]; nothing was handed over then.
-    pub fn ask(&self, request: Request) -> Result<(), Busy> {
+    /// [`NotTaken`]; nothing was handed over then.
+    pub fn ask(&self, request: Request) -> Result<(), NotTaken> {
+        // The thread that was never started takes nothing.
+        let ended = self.shared.ended();
+        if *ended || self.thread.is_none() {
+            return Err(NotTaken::Ended(Box::new(request)));
+        }
         let stops = request.command.stops_the_arm();
         if let (Command::Stop { by, reason }, Some(switch)) = (&request.command, self.shared.switch.get()) {
             let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
             switch.halt(AskedStop { id, by, reason, caller: crate::caller::own() });
         }
         let take = |count: usize| (count < OUTSTANDING_MAX).then_some(count + 1);
-        self.outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).map_err(|_| Busy)?;
-        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.requests.try_send(request) {
+        if self.outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).is_err() {
+            return Err(NotTaken::Busy(Box::new(request)));
+        }
+        if let Err(refused) = self.requests.try_send(request) {
             self.outstanding.fetch_sub(1, Ordering::AcqRel);
-            return Err(Busy);
+            return Err(match refused {
+                TrySendError::Full(request) => NotTaken::Busy(Box::new(request)),
+                TrySendError::Disconnected(request) => NotTaken::Ended(Box::new(request)),
+            });
         }
         if stops && let Some(switch) = self.shared.switch.get() {
             switch.stop();
@@ -160,6 +186,12 @@ impl Host {
     #[must_use]
     pub fn serve_scene(&self, address: std::net::SocketAddr) -> bool {
         self.shared.serve.get().is_some_and(|serve| serve(address))
+    }
+
+    /// Whatever engine is at work on the store, if this process has none.
+    #[must_use]
+    pub fn elsewhere(&self) -> EngineElsewhere {
+        EngineElsewhere::new(self.layout.clone())
     }
 
     /// The folder of the store's identities.
@@ -201,8 +233,8 @@ impl Host {
         }
         match thread.join() {
             Ok(Ok(())) => Ok(()),
-            Ok(Err(text)) => Err(StopError::Failed(text)),
-            Err(_) => Err(StopError::Failed("the engine's thread failed".to_owned())),
+            Ok(Err(why)) => Err(StopError::Failed(why)),
+            Err(_) => Err(StopError::Failed(EndFault::of("the engine's thread failed"))),
         }
     }
 }
@@ -213,13 +245,15 @@ fn run(
     mut publisher: Publisher,
     picture: watch::Sender<Option<Arc<Picture>>>,
     shared: &Shared,
-) -> Result<(), String> {
+) -> Result<(), EndFault> {
     // Threads that are started from here inherit it. Where it is refused, evaluation is only less modest.
     let _ = rustix::process::nice(NICE);
     let mut early = EarlyDoor { asked, waiting: Vec::new(), publisher: &mut publisher, shared };
     let started = catch_unwind(AssertUnwindSafe(|| start(begun_with, &mut early, picture)));
     let waiting = early.waiting;
-    let started = started.unwrap_or_else(|panic| Err(format!("the start failed: {}", said(&*panic))));
+    let started =
+        started.unwrap_or_else(|panic| Err(EndFault::of(format!("the start failed: {}", said(&*panic)))));
+    let mut untaken = Vec::new();
     let ended = match started {
         Ok(Some(pump)) => {
             // It is set once, here.
@@ -232,12 +266,24 @@ fn run(
             Ok(())
         }
         Ok(None) => Ok(()),
-        Err(text) => Err(text),
+        Err(why) => {
+            untaken.extend(waiting.into_iter().map(|(request, _)| request));
+            Err(why)
+        }
     };
     if ended.is_err() {
         publisher.withdraw();
     }
     publisher.flush();
+    {
+        let mut over = shared.ended();
+        *over = true;
+        untaken.extend(asked.try_iter());
+    }
+    // Room for as many is kept: none of them was answered.
+    for request in untaken {
+        publisher.say(Update::Returned(Box::new(request)));
+    }
     publisher.say(Update::Ended(ended.clone()));
     ended
 }
@@ -277,7 +323,7 @@ fn start(
     (config, watch): (HostConfig, ReadWatch),
     early: &mut EarlyDoor<'_>,
     picture: watch::Sender<Option<Arc<Picture>>>,
-) -> Result<Option<Pump>, String> {
+) -> Result<Option<Pump>, EndFault> {
     let jobs = config.workers();
     let begun = Instant::now();
     let engine_config = Config {
@@ -286,11 +332,10 @@ fn start(
         seed: config.seed,
         jobs,
         scripted: false,
-        cell: Cell::of(config.robot.as_deref()).map_err(|error| error.to_string())?,
+        cell: Cell::of(config.robot.as_deref()).map_err(|error| EndFault::of(error.to_string()))?,
         cache: EpisodeCache::InStore,
     };
-    let mut anteroom =
-        Anteroom::open(engine_config, Signals::Taken, watch).map_err(|error| error.sentence())?;
+    let mut anteroom = Anteroom::open(engine_config, Signals::Taken, watch).map_err(EndFault::from)?;
     // It is set once, here.
     drop(early.shared.switch.set(anteroom.switch()));
     while !anteroom.turn() {
@@ -304,7 +349,7 @@ fn start(
     if anteroom.has_ended() {
         return Ok(None);
     }
-    let (engine, door) = anteroom.enter().map_err(|error| error.sentence())?;
+    let (engine, door) = anteroom.enter().map_err(EndFault::from)?;
     let mut pump = Pump::with_door(engine, door, config.sinks);
     let others = pump.pictures();
     let pictures = move |taken: Picture| {
@@ -320,20 +365,58 @@ fn start(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_protocol::command::Reply;
+    use holdpoint_registry::Store;
 
-    #[test]
-    fn jobs_leave_a_core() {
-        let config = |jobs| HostConfig {
-            data: PathBuf::new(),
+    fn config(data: PathBuf, jobs: usize) -> HostConfig {
+        HostConfig {
+            data,
             profile: holdpoint_governance::profile::ProfileName::Sim.into(),
             seed: 1,
             jobs,
             robot: None,
             pace: None,
             sinks: Vec::new(),
-        };
+        }
+    }
+
+    #[test]
+    fn jobs_leave_a_core() {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        assert_eq!(config(0).workers(), (cores - 1).max(1));
-        assert_eq!(config(3).workers(), 3);
+        assert_eq!(config(PathBuf::new(), 0).workers(), (cores - 1).max(1));
+        assert_eq!(config(PathBuf::new(), 3).workers(), 3);
+    }
+
+    /// A stop that was asked of an engine that never came up was answered with "busy", or not at all.
+    #[test]
+    fn what_nobody_takes_comes_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let _held = Store::open(folder.path()).unwrap();
+        let mut host = Host::start(config(folder.path().to_owned(), 1));
+        let stop = |id: &str| {
+            Request::unsigned(id.to_owned(), Command::Stop { by: "ana".to_owned(), reason: String::new() })
+        };
+        // It may be handed over before the start has failed, or not.
+        let mut back = match host.ask(stop("early")) {
+            Ok(()) => Vec::new(),
+            Err(NotTaken::Ended(request)) => vec![*request],
+            Err(busy) => panic!("{busy}"),
+        };
+        let why = loop {
+            match host.updates.blocking_recv() {
+                Some(Update::Returned(request)) => back.push(*request),
+                Some(Update::Ended(ended)) => break ended.unwrap_err(),
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(back, [stop("early")]);
+        assert!(why.in_use && why.text.contains("is in use by"), "{why}");
+        for count in 0..=OUTSTANDING_MAX {
+            let asked = host.ask(stop(&count.to_string()));
+            assert_eq!(asked, Err(NotTaken::Ended(Box::new(stop(&count.to_string())))), "never busy");
+        }
+        // The store is held, but by no engine: there is nobody who could stop anything.
+        assert!(matches!(host.elsewhere().ask(stop("late").command), Reply::Refused { .. }));
+        assert_eq!(host.stop(Duration::from_mins(1)), Err(StopError::Failed(why)));
     }
 }

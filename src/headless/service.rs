@@ -8,7 +8,7 @@ use std::io::Write;
 use super::notify::Manager;
 use super::printer::Printer;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::host::{Host, HostConfig, Update};
+use holdpoint_engine::host::{EndFault, Host, HostConfig, Update};
 use holdpoint_protocol::event::{Event, EventKind};
 
 /// What a service works on.
@@ -42,9 +42,9 @@ pub fn serve(service: Service, out: &mut dyn Write) -> Result<Exit, CliError> {
                 stream.note(&format!("{missed} events were not printed: the reader is too slow"));
             }
             // Nobody asks anything here.
-            Some(Update::Answer { .. }) => {}
+            Some(Update::Answer { .. } | Update::Returned(_)) => {}
             Some(Update::Ended(ended)) => break ended,
-            None => break Err("the engine's thread is gone".to_owned()),
+            None => break Err(EndFault::of("the engine's thread is gone")),
         }
     };
     // The engine's thread lets go of its side, which ends the other as well.
@@ -88,7 +88,7 @@ impl ServiceStream<'_> {
     }
 
     /// How the service ended. One that was told to end has done what it was for.
-    fn end(mut self, ended: Result<(), String>) -> Result<Exit, CliError> {
+    fn end(mut self, ended: Result<(), EndFault>) -> Result<Exit, CliError> {
         match ended {
             Ok(()) if self.faulted => {
                 self.note("ended; the engine had been holding because of a fault");
@@ -98,8 +98,8 @@ impl ServiceStream<'_> {
                 self.note("ended in good order");
                 Ok(Exit::Confirmed)
             }
-            Err(text) if self.up => Err(CliError::internal(text)),
-            Err(text) => Err(CliError::usage(text)),
+            Err(why) if self.up => Err(CliError::internal(why.text)),
+            Err(why) => Err(CliError::usage(why.text)),
         }
     }
 }

@@ -377,6 +377,16 @@ impl Command {
         )
     }
 
+    /// Whether it stops or tightens what acts and does nothing else, with no signature: it is as right for whatever engine
+    /// is at work as for the one that it was meant for.
+    #[must_use]
+    pub const fn stops_what_acts(&self) -> bool {
+        matches!(
+            self,
+            Self::Stop { .. } | Self::Rollback(_) | Self::Vacate(_) | Self::Restrict(_) | Self::Pause(_)
+        )
+    }
+
     /// The family the command is about; `None` if it names none.
     #[must_use]
     pub const fn family(&self) -> Option<&Family> {

@@ -168,7 +168,7 @@ fn a_row_that_is_not_the_records_ends_the_engine_before_it_was_one() {
     assert!(look(&mut client).reading.is_some());
     go.send(()).unwrap();
     let Update::Ended(Err(why)) = next(&mut host) else { panic!("it came up") };
-    assert!(why.contains("the version \"grasp@") && why.contains("author"), "{why}");
+    assert!(why.text.contains("the version \"grasp@") && why.text.contains("author"), "{why}");
     assert_eq!(host.snapshots.borrow().as_ref(), None, "what was shown is withdrawn");
     assert!(!socket_path(&layout).exists() && Client::connect(&layout).unwrap().is_none());
     drop(host);

@@ -60,6 +60,8 @@ fn people_come_and_go_by_an_administrators_act_alone() {
     // Who is no administrator enrols and revokes nobody.
     let said = ends(&folder, "identity new eve --unprotected --by mara", 3);
     says(&said, &["mara", "only an administrator"]);
+    // Of an enrolment that was refused nothing is left.
+    is(&folder, &[("admin", "enrolled"), ("mara", "enrolled"), ("omar", "enrolled")]);
     let said = ends(&folder, "identity revoke omar --by mara --reason envy", 3);
     says(&said, &["only an administrator"]);
     let said = ends(&folder, "identity revoke admin --by admin --reason tired", 3);
@@ -74,15 +76,12 @@ fn people_come_and_go_by_an_administrators_act_alone() {
     }
     let said = ends(&folder, "identity enrol alias --by admin --reason twin", 3);
     says(&said, &["that of \"mara\" already", "one key is one person"]);
-    let all = [
-        ("admin", "enrolled"),
-        ("alias", "not-enrolled"),
-        ("eve", "not-enrolled"),
-        ("mara", "enrolled"),
-        ("omar", "revoked"),
-    ];
+    let all = [("admin", "enrolled"), ("alias", "not-enrolled"), ("mara", "enrolled"), ("omar", "revoked")];
     is(&folder, &all);
     // Public files are read for signing: edited, removed or added they change nothing.
+    let elsewhere = tempfile::tempdir().unwrap();
+    ends(&elsewhere, "identity new eve --unprotected", 0);
+    fs::copy(elsewhere.path().join("store/keys/identities/eve.pub"), keys.join("eve.pub")).unwrap();
     fs::copy(keys.join("eve.pub"), keys.join("mara.pub")).unwrap();
     fs::remove_file(keys.join("omar.pub")).unwrap();
     fs::copy(keys.join("eve.pub"), keys.join("zoe.pub")).unwrap();
@@ -94,11 +93,49 @@ fn people_come_and_go_by_an_administrators_act_alone() {
         (Some("enrolled"), Some("revoked"), Some("not-enrolled"))
     );
     // A key from elsewhere.
-    let elsewhere = tempfile::tempdir().unwrap();
     ends(&elsewhere, "identity new cleo --role engineer --unprotected", 0);
     let public = elsewhere.path().join("store/keys/identities/cleo.pub");
     let call = format!("identity enrol cleo --public-key {} --by admin --reason hers", public.display());
     says(&ends(&folder, &call, 0), &["cleo is enrolled as engineer by admin"]);
+}
+
+#[test]
+fn of_an_enrolment_that_is_refused_nothing_is_left() {
+    let folder = tempfile::tempdir().unwrap();
+    let oak = file(folder.path(), "oak", "under the oak\n");
+    let elm = file(folder.path(), "elm", "under the elm\n");
+    let (oak, elm) = (oak.display(), elm.display());
+    ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 2);
+    ends(&folder, "identity new rig --unprotected", 0);
+    ends(&folder, &format!("identity passphrase admin --new-passphrase-file {oak}"), 0);
+    let keys = folder.path().join("store/keys/identities");
+    let files = || {
+        let mut names: Vec<_> =
+            fs::read_dir(&keys).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        names
+    };
+    let before = files();
+    let new = format!("identity new mara --passphrase-file {elm} --by admin");
+    // Without the passphrase of the administrator, with a wrong one, with a file that is not there, by nobody.
+    for (call, code, words) in [
+        (new.clone(), 2, "--by-passphrase-file FILE"),
+        (
+            format!("{new} --by-passphrase-file {elm}"),
+            2,
+            "that of admin, of which --by-passphrase-file names the file",
+        ),
+        (format!("{new} --by-passphrase-file nowhere"), 2, "nowhere"),
+        (format!("identity new mara --passphrase-file {elm} --by eve"), 2, "eve"),
+        (format!("identity new mara --passphrase-file {elm} --by rig"), 3, "only an administrator"),
+    ] {
+        says(&ends(&folder, &call, code), &[words]);
+        assert_eq!(files(), before, "{call}");
+    }
+    // So the name is free for the call as it should have been.
+    let said = ends(&folder, &format!("{new} --by-passphrase-file {oak}"), 0);
+    says(&said, &["made the identity mara", "enrolled by admin"]);
+    says(&ends(&folder, "audit verify", 0), &["sound"]);
 }
 
 #[test]

@@ -106,7 +106,7 @@ fn show(name: &str, console: &Console) {
 
 fn end(mut console: Console) {
     console.keys("1q");
-    console.wait_for_text("End Holdpoint");
+    console.wait_for_text(" y does it");
     console.keys("y");
     console.end();
 }

@@ -19,7 +19,7 @@ use holdpoint_engine::door::Client;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply};
-use holdpoint_registry::{Change, FIRST_ADMINISTRATOR, Layout, Store, Transaction, Views};
+use holdpoint_registry::{Change, FIRST_ADMINISTRATOR, Layout, Store, StoreError, Transaction, Views};
 use holdpoint_text::Untrusted;
 
 /// Which administrator, and why.
@@ -35,6 +35,13 @@ pub struct ActArgs {
     /// variable `HOLDPOINT_PASSPHRASE_FILE` names one as well.
     #[arg(long, value_name = "FILE")]
     passphrase_file: Option<PathBuf>,
+}
+
+impl ActArgs {
+    /// The file with the passphrase of who signs, and the option that names it.
+    fn signer(&self) -> (Option<&Path>, &'static str) {
+        (self.passphrase_file.as_deref(), passphrase::FILE_OPTION)
+    }
 }
 
 /// Who takes an act.
@@ -83,7 +90,7 @@ impl Register {
         &self,
         context: &CliContext,
         name: &str,
-        file: Option<&Path>,
+        (file, option): (Option<&Path>, &str),
         act: PersonActKind,
     ) -> Result<Identity, CliError> {
         let kept = passphrase::kept(context, name)?;
@@ -99,7 +106,7 @@ impl Register {
             let hint = format!("`holdpoint identity passphrase {name}` sets one and keeps the key");
             return Err(CliError::held(text).with_hint(hint));
         }
-        passphrase::unlock(kept, file)
+        passphrase::unlock_by(kept, file, option)
     }
 
     fn enrolled(&self, name: &str) -> Result<&Person, CliError> {
@@ -109,31 +116,52 @@ impl Register {
         })
     }
 
-    fn take(self, signed: SignedPersonAct) -> Result<(), CliError> {
+    fn take(self, signed: SignedPersonAct) -> Result<(), NotTaken> {
         match self.taker {
             Taker::Engine(mut client) => {
                 let command = Command::Person { signed: Box::new(signed) };
-                match client.ask(command).map_err(door_error)? {
+                match client.ask(command).map_err(|error| NotTaken::Unknown(door_error(error)))? {
                     Reply::Accepted { .. } => Ok(()),
-                    Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
+                    Reply::Refused { code, text, hint } => {
+                        Err(NotTaken::Refused(refused(code, &text, hint.as_deref())))
+                    }
                     Reply::Snapshot { .. }
                     | Reply::Detail { .. }
                     | Reply::Registry { .. }
                     | Reply::Audit { .. }
-                    | Reply::Verified { .. } => {
-                        Err(CliError::internal("the engine answered with something that was not asked for"))
-                    }
+                    | Reply::Verified { .. } => Err(NotTaken::Unknown(CliError::internal(
+                        "the engine answered with something that was not asked for",
+                    ))),
                 }
             }
             Taker::Own(store) => {
-                self.persons.check(&signed).map_err(CliError::held)?;
+                self.persons.check(&signed).map_err(|error| NotTaken::Refused(CliError::held(error)))?;
                 let command_id = format!("person-{}", signed.act().nonce);
                 let at_ms = store.opening().head.at_ms;
                 let at_ms = store.views().and_then(|views| views.head()).map_or(at_ms, |head| head.at_ms);
                 let (wall_ms, changes) = (wall_ms(), vec![Change::about_person(signed)]);
                 let transaction = Transaction { command_id, at_ms, wall_ms, changes, audit: Vec::new() };
-                store.commit(transaction).map(drop).map_err(CliError::usage)
+                store.commit(transaction).map(drop).map_err(|error| match error {
+                    StoreError::Unknown => NotTaken::Unknown(CliError::usage(error)),
+                    error => NotTaken::Refused(CliError::usage(error)),
+                })
             }
+        }
+    }
+}
+
+/// Why an act was not taken.
+enum NotTaken {
+    /// It was refused: nobody is enrolled or revoked by it.
+    Refused(CliError),
+    /// Whether it was carried out is not known.
+    Unknown(CliError),
+}
+
+impl From<NotTaken> for CliError {
+    fn from(why: NotTaken) -> Self {
+        match why {
+            NotTaken::Refused(error) | NotTaken::Unknown(error) => error,
         }
     }
 }
@@ -170,27 +198,54 @@ impl Enrolment {
     }
 }
 
-/// Has a key that was just made enrolled, by the administrator that was named or by one who need not be asked.
-pub(super) fn enrol_new(
-    context: &CliContext,
-    who: &Identity,
-    by: Option<&str>,
-    file: Option<&Path>,
-) -> Result<Enrolment, CliError> {
-    let register = Register::open(context)?;
-    let (admin, asked) = match by {
-        Some(by) => (Some(register.administrator(context, by, file, PersonActKind::Enrol)?), true),
-        None => (register.unasked(), false),
-    };
-    let Some(admin) = admin else {
-        let admin = register.persons.administrators().next();
-        let admin = admin.map_or_else(|| FIRST_ADMINISTRATOR.to_owned(), |admin| admin.name.clone());
-        return Ok(Enrolment::NotYet { admin });
-    };
-    let unprotected = is_unprotected(&register.layout, &who.info().name);
-    let signed = register.persons.enrolment(who.info(), unprotected, &admin, "a new identity");
-    register.take(signed.map_err(CliError::internal)?)?;
-    Ok(Enrolment::By { name: admin.info().name.clone(), asked })
+/// Who enrols a key that is about to be made: the administrator that was named, or one who need not be asked. Whatever
+/// stands against it is found before the key is there, as far as it can be.
+pub(super) struct Enroller {
+    register: Register,
+    admin: Option<Identity>,
+    asked: bool,
+}
+
+impl Enroller {
+    /// Opens the key of the administrator.
+    pub(super) fn of(context: &CliContext, by: Option<&str>, file: Option<&Path>) -> Result<Self, CliError> {
+        const OPTION: &str = "--by-passphrase-file";
+        let register = Register::open(context)?;
+        let Some(by) = by else {
+            let admin = register.unasked();
+            return Ok(Self { register, admin, asked: false });
+        };
+        let admin = register.administrator(context, by, (file, OPTION), PersonActKind::Enrol)?;
+        Ok(Self { register, admin: Some(admin), asked: true })
+    }
+
+    /// Has the key enrolled. Where that is refused the key is taken away again: the name is free for another try.
+    pub(super) fn enrol(self, who: Identity) -> Result<Enrolment, CliError> {
+        let Self { register, admin, asked } = self;
+        let Some(admin) = admin else {
+            let admin = register.persons.administrators().next();
+            let admin = admin.map_or_else(|| FIRST_ADMINISTRATOR.to_owned(), |admin| admin.name.clone());
+            return Ok(Enrolment::NotYet { admin });
+        };
+        let folder = register.layout.identities();
+        let unprotected = is_unprotected(&register.layout, &who.info().name);
+        let signed = register.persons.enrolment(who.info(), unprotected, &admin, "a new identity");
+        let taken = match signed {
+            Ok(signed) => register.take(signed),
+            Err(error) => Err(NotTaken::Refused(CliError::internal(error))),
+        };
+        match taken {
+            Ok(()) => Ok(Enrolment::By { name: admin.info().name.clone(), asked }),
+            Err(NotTaken::Refused(why)) => {
+                who.discard(&folder).map_err(CliError::usage)?;
+                Err(why)
+            }
+            Err(NotTaken::Unknown(why)) => {
+                let hint = "`holdpoint identity list` says whether it is enrolled; the key was kept";
+                Err(why.with_hint(hint))
+            }
+        }
+    }
 }
 
 /// Which key is to be enrolled.
@@ -221,8 +276,7 @@ pub(super) fn enrol(
         }
     };
     let register = Register::open(context)?;
-    let admin =
-        register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Enrol)?;
+    let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Enrol)?;
     let is_here = matches!(key, EnrolledKey::Here);
     let unprotected = is_here && is_unprotected(&register.layout, name);
     let signed = register
@@ -251,8 +305,7 @@ pub(super) fn confirm(
 ) -> Result<(), CliError> {
     let register = Register::open(context)?;
     let person = register.enrolled(name)?;
-    let admin =
-        register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Confirm)?;
+    let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Confirm)?;
     let signed =
         register.persons.confirmation(person, &admin, args.reason.raw()).map_err(CliError::internal)?;
     register.persons.check(&signed).map_err(CliError::held)?;
@@ -272,8 +325,7 @@ pub(super) fn revoke(
 ) -> Result<(), CliError> {
     let register = Register::open(context)?;
     let person = register.enrolled(name)?;
-    let admin =
-        register.administrator(context, &args.by, args.passphrase_file.as_deref(), PersonActKind::Revoke)?;
+    let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Revoke)?;
     let signed =
         register.persons.revocation(person, &admin, args.reason.raw()).map_err(CliError::internal)?;
     let last = register.persons.confirmer().is_some_and(|one| one.name == name)

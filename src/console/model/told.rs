@@ -3,11 +3,13 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
+use holdpoint_engine::host::EndFault;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::detail::{AuditPage, Detail, RegistryPage, Verified};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_text::Problem;
 
 /// Lines of the engine's story that are kept.
 pub const LOG_MAX: usize = 500;
@@ -22,7 +24,41 @@ pub enum EngineState {
     Starting,
     Running,
     /// It ended: in good order, or why not.
-    Ended(Result<(), String>),
+    Ended(Result<(), EndFault>),
+}
+
+impl EngineState {
+    /// Why nothing can be asked of an engine here; absent if one is at work, or about to be.
+    #[must_use]
+    pub const fn absence(&self) -> Option<Absence> {
+        match self {
+            Self::Starting | Self::Running => None,
+            Self::Ended(Err(EndFault { in_use: true, .. })) => Some(Absence::HeldElsewhere),
+            Self::Ended(_) => Some(Absence::Ended),
+        }
+    }
+}
+
+/// How it is that no engine is at work here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Absence {
+    /// Another engine holds the store; it never came up here.
+    HeldElsewhere,
+    /// It has ended, or did not come up.
+    Ended,
+}
+
+impl Absence {
+    /// What a key that needs an engine is answered.
+    #[must_use]
+    pub fn problem(self) -> Problem {
+        Problem::new("no engine is at work here").with_hint(match self {
+            Self::HeldElsewhere => {
+                "another one holds the store: `holdpoint status` shows it, stop stops its arm, quit ends this console"
+            }
+            Self::Ended => "`holdpoint status` shows what the store holds; quit ends this console",
+        })
+    }
 }
 
 /// A line of the engine's story, sanitised.

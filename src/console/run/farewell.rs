@@ -1,5 +1,6 @@
 //! The last line: how things were left, in words that are true.
 
+use holdpoint_engine::host::EndFault;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 use holdpoint_text::Untrusted;
@@ -18,6 +19,8 @@ pub enum Cause {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Left {
     pub cause: Cause,
+    /// Whether there was an engine here at all.
+    pub came_up: bool,
     /// Whether the engine ended in good order.
     pub in_order: bool,
     /// One line on how things were left, sanitised.
@@ -25,16 +28,22 @@ pub struct Left {
 }
 
 /// How a console left things: why it ended, how the engine did, and what was on its way when it was last seen.
-pub(super) fn left(cause: Cause, ended: Option<Result<(), String>>, last: Option<&Snapshot>) -> Left {
+pub(super) fn left(
+    cause: Cause,
+    came_up: bool,
+    ended: Option<Result<(), EndFault>>,
+    last: Option<&Snapshot>,
+) -> Left {
     let (in_order, engine) = match ended {
         Some(Ok(())) => (true, "the engine ended in good order".to_owned()),
+        Some(Err(why)) if !came_up => (false, format!("the engine did not come up: {why}")),
         Some(Err(why)) => (false, format!("the engine ended with a fault: {why}")),
         None => (false, "the engine did not end in time; the next start puts its work in order".to_owned()),
     };
     let mut parts = vec![engine];
     parts.extend(last.into_iter().flat_map(on_the_way));
     let text = Untrusted::new(parts.join("; ")).line().into_string();
-    Left { cause, in_order, text }
+    Left { cause, came_up, in_order, text }
 }
 
 /// What goes on at the next start, one part for each kind.
@@ -73,12 +82,14 @@ mod tests {
 
     #[test]
     fn says_how_the_engine_ended() {
-        for (ended, in_order, words) in [
-            (Some(Ok(())), true, "the engine ended in good order"),
-            (Some(Err("disk full\u{7}".to_owned())), false, r"with a fault: disk full\u{7}"),
-            (None, false, "did not end in time"),
+        let fault = || Some(Err(EndFault::of("disk full\u{7}")));
+        for (came_up, ended, in_order, words) in [
+            (true, Some(Ok(())), true, "the engine ended in good order"),
+            (true, fault(), false, r"with a fault: disk full\u{7}"),
+            (false, fault(), false, r"did not come up: disk full\u{7}"),
+            (true, None, false, "did not end in time"),
         ] {
-            let left = left(Cause::Asked, ended, None);
+            let left = left(Cause::Asked, came_up, ended, None);
             assert_eq!(left.in_order, in_order);
             assert!(left.text.contains(words), "{}", left.text);
         }

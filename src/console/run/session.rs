@@ -26,8 +26,8 @@ use crate::terminal::TerminalGuard;
 use crate::terminal::guard::{Ending, RunningGuard};
 use crate::theme::Themes;
 use crate::update::update;
-use holdpoint_engine::host::{Host, HostConfig, StopError, Update};
-use holdpoint_protocol::command::Command;
+use holdpoint_engine::host::{EndFault, Host, HostConfig, StopError, Update};
+use holdpoint_protocol::command::{Command, Request};
 
 /// Time passes this often if nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
@@ -74,7 +74,9 @@ pub(super) struct Session {
     /// Nothing can be drawn any more.
     blind: bool,
     /// How the engine ended.
-    ended: Option<Result<(), String>>,
+    ended: Option<Result<(), EndFault>>,
+    /// Whether there was an engine here.
+    came_up: bool,
 }
 
 enum SessionInput {
@@ -118,6 +120,7 @@ impl Session {
             cause: Cause::Asked,
             blind: false,
             ended: None,
+            came_up: false,
         })
     }
 
@@ -125,6 +128,7 @@ impl Session {
     pub(super) async fn run(mut self) -> Left {
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        self.seat(false);
         while !self.is_over() {
             let came = self.wait(&mut ticks).await;
             self.fold(came);
@@ -171,12 +175,11 @@ impl Session {
             // The thread that reads has given up: the terminal is gone.
             SessionInput::Input(None) => self.told_to_end(true),
             SessionInput::Errand(Errand::Told(what)) => self.take(what, Want::Key),
-            SessionInput::Errand(Errand::Signed(request)) => match self.hands.hand_over(*request) {
-                Outcome::Told(what) => self.take(what, Want::Key),
-                Outcome::Quiet | Outcome::End => {}
-            },
+            SessionInput::Errand(Errand::Signed(request)) => self.hand_over(*request),
             SessionInput::Update(Some(told)) => self.engine(told),
-            SessionInput::Update(None) => self.engine(Update::Ended(Err("its thread is gone".to_owned()))),
+            SessionInput::Update(None) => {
+                self.engine(Update::Ended(Err(EndFault::of("its thread is gone"))));
+            }
             SessionInput::Snapshot => {
                 let newest = self.hands.host.snapshots.borrow_and_update().clone();
                 if let Some(snapshot) = newest {
@@ -215,11 +218,11 @@ impl Session {
     fn engine(&mut self, told: Update) {
         let what = match told {
             Update::Started => {
-                if let Some(name) = self.operator.take() {
-                    self.carry_out(Effect::UseIdentity(name));
-                }
+                self.came_up = true;
+                self.seat(true);
                 MsgKind::EngineStarted
             }
+            Update::Returned(request) => return self.hand_over(*request),
             Update::Events(events) => MsgKind::Events(events),
             Update::Answer { id, reply } => MsgKind::Answer { id, reply: Box::new(reply) },
             Update::Lagged { missed } => MsgKind::Lagged(missed),
@@ -229,6 +232,22 @@ impl Session {
             }
         };
         self.take(what, Want::Story);
+    }
+
+    /// Seats who was named: at once, so that an early stop is theirs; where their key is not there, once the store is, and
+    /// then a name that is nobody's is told.
+    fn seat(&mut self, is_last: bool) {
+        let Some(name) = self.operator.as_deref() else { return };
+        if is_last || self.hands.knows(name) {
+            self.operator.take().into_iter().for_each(|name| self.carry_out(Effect::UseIdentity(name)));
+        }
+    }
+
+    /// Hands a request over that came back from somewhere else.
+    fn hand_over(&mut self, request: Request) {
+        if let Outcome::Told(what) = self.hands.hand_over(&self.model, request) {
+            self.take(what, Want::Key);
+        }
     }
 
     fn picture(&mut self) {
@@ -296,7 +315,7 @@ impl Session {
         if self.leaving.is_none() {
             self.leaving = Some(Instant::now() + ENDING_MAX);
             // A full queue is no reason to wait: the host is stopped in any case.
-            drop(self.hands.ask("console-ends".to_owned(), Command::Shutdown));
+            drop(self.hands.ask(&self.model, "console-ends".to_owned(), Command::Shutdown));
         }
     }
 
@@ -337,7 +356,7 @@ impl Session {
 
     /// The engine first, the terminal last.
     fn finish(self) -> Left {
-        let Self { model, hands, screen, terminal, guard, ended, cause, .. } = self;
+        let Self { model, hands, screen, terminal, guard, ended, cause, came_up, .. } = self;
         let stopped = match hands.host.stop(STOP_MAX) {
             Ok(()) => Some(Ok(())),
             Err(StopError::Failed(why)) => Some(Err(why)),
@@ -347,7 +366,7 @@ impl Session {
         drop(screen);
         drop(terminal);
         drop(guard);
-        farewell::left(cause, ended, model.told.snapshot.as_deref())
+        farewell::left(cause, came_up, ended, model.told.snapshot.as_deref())
     }
 }
 

@@ -4,12 +4,19 @@ use super::{operating, overlays, tell};
 use crate::effect::{Effect, Question};
 use crate::model::{AskedFor, EngineState, Model, PendingRequest, View};
 use holdpoint_governance::record::VersionGroup;
+use holdpoint_text::Hint as _;
 
 /// Requests without an answer at once; far below the engine's own limit.
 const PENDING_MAX: usize = 32;
 
 /// A new request's id; absent if too many wait already.
 pub(super) fn request(model: &mut Model, about: AskedFor, what: String) -> Option<String> {
+    // What a person has confirmed may be a stop: whoever hands it over knows where to.
+    let confirmed = matches!(about, AskedFor::Operation | AskedFor::Decision);
+    if let Some(absence) = model.absence().filter(|_| !confirmed) {
+        tell(model, absence.problem().sentence(), true);
+        return None;
+    }
     if model.asking.pending.len() >= PENDING_MAX {
         tell(model, format!("{PENDING_MAX} requests wait for the engine already"), true);
         return None;
@@ -26,8 +33,13 @@ fn noted(model: &mut Model, about: AskedFor, what: String) -> String {
 
 /// Stops the cell: asked however many requests wait, and with nothing in between.
 pub(super) fn stop(model: &mut Model) -> Vec<Effect> {
-    let by = model.seat.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
-    tell(model, "STOP: the arm is being stopped", true);
+    // Who has said no name is nobody: the record names user and process beside it.
+    let by = model.seat.operator.as_ref().map_or_else(String::new, |who| who.name.clone());
+    let text = match model.absence() {
+        None => "STOP: the arm is being stopped",
+        Some(_) => "STOP: the engine that is at work is being asked",
+    };
+    tell(model, text, true);
     let question = Question::Stop { by };
     vec![Effect::Ask { id: noted(model, question.about(), "stop the cell".to_owned()), question }]
 }

@@ -11,7 +11,7 @@ use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::words;
-use holdpoint_text::{Hint, Problem};
+use holdpoint_text::{Hint, Problem, Untrusted};
 
 pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     model.told.engine = EngineState::Running;
@@ -34,12 +34,24 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
             model.asking.changes += 1;
         }
         let text = words::sentence(&event, words::LINE_WIDTH_MAX).into_string();
+        if let EventKind::CellReleased { by, .. } = &event.kind {
+            released(model, by);
+        }
         model.told.story.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
         if model.told.story.len() > LOG_MAX {
             model.told.story.pop_front();
         }
     }
     Vec::new()
+}
+
+/// The cell works again, whoever said so and from where: nothing may go on saying that it is stopped.
+fn released(model: &mut Model, by: &str) {
+    tell(model, format!("the cell works again: {} let it", Untrusted::new(by.to_owned()).line()), false);
+    if let Some(picture) = &mut model.told.picture {
+        // It is the last one of the stop, and the next one may be long in coming.
+        Arc::make_mut(picture).stopped = false;
+    }
 }
 
 /// The newest picture of how things stand. An open prompt is held against it at once.

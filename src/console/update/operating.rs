@@ -11,6 +11,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::snapshot::{AlarmView, StoppedView};
+use holdpoint_text::Hint as _;
 
 /// Hands a confirmed operation to the engine.
 pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> {
@@ -23,10 +24,14 @@ pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> 
 
 /// Opens a form, or says at once that somebody must say who they are: not after a reason was typed.
 fn open(model: &mut Model, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
+    if let Some(absence) = model.absence().filter(|_| !intent.stops()) {
+        return refuse(model, &absence.problem().sentence());
+    }
     if intent.needs_person() && model.seat.operator.is_none() {
         return refuse(model, &format!("{NOBODY}: {}", intent.title()));
     }
-    model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(intent, consequences))));
+    let form = Form::new(intent, consequences).opened_at(model.now_ms);
+    model.entry.overlay = Some(Overlay::Form(Box::new(form)));
     model.entry.typing = None;
     Vec::new()
 }

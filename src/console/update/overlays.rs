@@ -49,6 +49,8 @@ pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action
         return signing_key(model, key);
     }
     match key.code {
+        // What is closed has no fields left to go to.
+        KeyCode::Tab | KeyCode::BackTab if prompt.closed => prompt.refused = Some(Obstacle::Closed),
         KeyCode::Tab => step_focus(model, true),
         KeyCode::BackTab => step_focus(model, false),
         KeyCode::Esc if prompt.focus == Focus::Hold => close_held(model),
@@ -72,6 +74,10 @@ fn prompt_action(model: &mut Model, action: Option<Action>) -> Vec<Effect> {
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     match action {
         Some(Action::Approve) => decide(model, Answer::Approve),
+        Some(Action::Reject | Action::Reread) if prompt.closed => {
+            prompt.refused = Some(Obstacle::Closed);
+            Vec::new()
+        }
         Some(Action::Reject) => {
             // The key that rejects leads to the reason first.
             if !is_visible(prompt.reason.text()) {
@@ -199,8 +205,11 @@ fn step_focus(model: &mut Model, forward: bool) {
 }
 
 fn close_held(model: &mut Model) {
+    let closed = matches!(&model.entry.overlay, Some(Overlay::Prompt(prompt)) if prompt.closed);
     model.entry.overlay = None;
-    tell(model, "undecided: it goes on waiting and is held at its deadline", false);
+    if !closed {
+        tell(model, "undecided: it goes on waiting and is held at its deadline", false);
+    }
 }
 
 pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
@@ -245,6 +254,11 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
 
 fn confirm(model: &mut Model) -> Vec<Effect> {
     let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
+    // Keys that were typed for something else arrive in a burst.
+    if form.is_one_key() && form.signing.is_none() && form.is_guarded(model.now_ms) {
+        form.problem = Some("that key did nothing: wait a moment, then press it again".to_owned());
+        return Vec::new();
+    }
     if form.intent == Intent::Quit {
         model.entry.overlay = None;
         return vec![Effect::End];

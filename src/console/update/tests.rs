@@ -6,6 +6,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::Rect;
 use serde_json::json;
 
+use self::typed::REFLEXES;
 use super::update;
 use crate::action::Action;
 use crate::effect::{Effect, Question};
@@ -23,10 +24,12 @@ use holdpoint_protocol::command::{Caller, Command};
 use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
 
 mod aim;
+mod alone;
 mod following;
 mod reading;
 mod signing;
 mod stopping;
+mod typed;
 
 const CANDIDATE: &str = "grasp@1.3.0";
 
@@ -74,6 +77,7 @@ fn snapshot(tier: u8, evidence: char) -> Snapshot {
     serde_json::from_value(value).unwrap()
 }
 
+#[derive(Clone)]
 struct TestConsole {
     model: Model,
     now_ms: u64,
@@ -159,26 +163,6 @@ fn harmless(effects: &[Effect]) -> bool {
         _ => true,
     })
 }
-
-/// Keys that are hit by reflex or to move.
-const REFLEXES: [KeyCode; 16] = [
-    KeyCode::Enter,
-    KeyCode::Char(' '),
-    KeyCode::Esc,
-    KeyCode::Tab,
-    KeyCode::BackTab,
-    KeyCode::Up,
-    KeyCode::Down,
-    KeyCode::Left,
-    KeyCode::Right,
-    KeyCode::PageUp,
-    KeyCode::PageDown,
-    KeyCode::Home,
-    KeyCode::End,
-    KeyCode::Backspace,
-    KeyCode::Delete,
-    KeyCode::F(1),
-];
 
 #[test]
 fn reflex_keys_paste_and_letters_never_approve() {
@@ -290,16 +274,18 @@ fn changed_evidence_cannot_be_approved_until_it_was_read_again() {
         change(&mut changed);
         console.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
         assert!(!decides(&console.keys("Y")), "{what}");
-        assert_eq!(console.block(), Some(Obstacle::Stale), "{what}");
+        let closed = changed.prompts.is_empty();
+        assert_eq!(console.block(), Some(if closed { Obstacle::Closed } else { Obstacle::Stale }), "{what}");
         // Going back to what it was does not make it fresh: somebody must read it.
         console.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'e'))));
         assert!(!decides(&console.keys("Y")), "{what}, and back");
         console.tell(MsgKind::Snapshot(Arc::new(changed.clone())));
         console.keys("r");
-        let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else {
-            assert!(changed.prompts.is_empty());
+        let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("{what}") };
+        assert_eq!(closed, prompt.refused == Some(Obstacle::Closed), "{what}");
+        if closed {
             continue;
-        };
+        }
         assert!(prompt.stale.is_none() && prompt.short_id.text().is_empty(), "{what}");
         assert!(!decides(&console.keys("Y")), "{what}: the guard time begins anew");
     }
@@ -402,7 +388,7 @@ fn abort_takes_two_keys_everywhere() {
             let mut console = TestConsole::new(1);
             console.model.place.view = view;
             console.tell(MsgKind::Key(key));
-            let effects = console.keys("y");
+            let effects = console.confirm();
             // On the registry's family row the active version is under the cursor, and it is settled.
             assert!(abort(&effects), "{view:?} {key:?}: {effects:?}");
         }
@@ -426,7 +412,7 @@ fn abort_takes_two_keys_everywhere() {
         let mut console = TestConsole::new(1);
         open(&mut console);
         console.control('x');
-        let effects = console.keys("y");
+        let effects = console.confirm();
         assert!(abort(&effects), "{number}: {effects:?}");
     }
 }
@@ -441,7 +427,7 @@ fn abort_stops_the_most_urgent_thing() {
     let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("a form opens") };
     assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes over")), "{form:?}");
     assert!(form.consequences.iter().any(|line| line.contains("Not touched: grasp@1.3.0")), "{form:?}");
-    let effects = console.keys("y");
+    let effects = console.confirm();
     let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
     assert!(matches!(confirmed.as_ref().clone().into_command(), Command::Rollback(operation)
         if operation.version.to_string() == "grasp@1.2.0"));
@@ -542,10 +528,10 @@ fn quitting_asks_and_says_what_happens() {
     let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("a form opens") };
     assert_eq!(form.intent, Intent::Quit);
     assert!(form.consequences.iter().any(|line| line.contains("waits for approval")));
-    assert_eq!(console.keys("y"), [Effect::End]);
+    assert_eq!(console.confirm(), [Effect::End]);
     assert_eq!(console.control('z'), []);
     assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("suspending")));
-    console.model.told.engine = EngineState::Ended(Err("disk".to_owned()));
+    console.model.told.engine = EngineState::Ended(Ok(()));
     assert_eq!(console.keys("q"), [Effect::End], "nothing is left to ask about");
 }
 
@@ -586,7 +572,6 @@ fn frozen_charts_stand_still_while_the_status_goes_on() {
 #[test]
 fn an_old_snapshot_is_stale() {
     let mut console = TestConsole::new(0);
-    assert_eq!(console.model.stale_ms(), None);
     console.now_ms += 12_000;
     console.tell(MsgKind::Tick);
     assert_eq!(console.model.stale_ms(), Some(12_000));

@@ -211,6 +211,8 @@ pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
                 signing.paste(text);
             } else if let Some(line) = form.line_mut() {
                 line.paste(text);
+            } else {
+                tell(model, "pasted text is ignored here", false);
             }
         }
         (None, Some(Overlay::Prompt(prompt))) if prompt.signing.is_some() => {

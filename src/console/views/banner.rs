@@ -18,7 +18,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let mut row = profile(model, pen).and(doubts(model, pen, width));
     let identity = identity(model);
-    let clock = Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms())));
+    // Without an engine there is no time of its own.
+    let clock = match model.bare_absence() {
+        Some(_) => Row::new(),
+        None => Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms()))),
+    };
     for piece in identity {
         if row.width() + piece.width() + clock.width() <= width {
             row = row.and(piece);
@@ -60,6 +64,9 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         }
         EngineState::Running => {}
         EngineState::Ended(Ok(())) => say(ThemeRole::Problem, "ENGINE ENDED"),
+        EngineState::Ended(Err(why)) if why.in_use => {
+            say(ThemeRole::Problem, "NO ENGINE HERE: another one holds the store");
+        }
         EngineState::Ended(Err(why)) => say(ThemeRole::Problem, &format!("ENGINE ENDED {why}")),
     }
     if let Some(reading) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.reading) {

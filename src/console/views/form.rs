@@ -28,7 +28,7 @@ pub fn draw(model: &Model, form: &Form, pen: &mut Pen<'_>, area: Rect) {
         Some(signing) => {
             super::prompt::signing_rows(model, signing, (" Sign  ", " back to the form"), pen, width)
         }
-        None => foot(form, pen, width),
+        None => foot(model, form, pen, width),
     };
     let by = model.seat.operator.as_ref().filter(|_| form.intent.needs_person());
     let by = by.map_or_else(String::new, |who| format!("as {}", super::short(&who.name, 24)));
@@ -50,7 +50,7 @@ fn body(form: &Form, width: usize) -> Vec<Row> {
     rows
 }
 
-fn foot(form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+fn foot(model: &Model, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let mut rows = Vec::new();
     let label = |text: &str| Row::new().cell(ThemeRole::Muted, text, 9);
     let focuses = form.focuses();
@@ -73,7 +73,9 @@ fn foot(form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         .and(button(pen, form.intent.verb(), form.focus == FormFocus::Confirm));
     rows.push(buttons);
     if form.is_one_key() {
-        let row = Row::of(ThemeRole::Key, "y")
+        let guarded = form.is_guarded(model.now_ms);
+        let key = if guarded { Row::of(ThemeRole::KeyOff, "[y]") } else { Row::of(ThemeRole::Key, "y") };
+        let row = key
             .with(
                 ThemeRole::Text,
                 " does it · ".replace('·', if pen.look.ascii() { "|" } else { "·" }).as_str(),

@@ -9,10 +9,39 @@ use ratatui::layout::Rect;
 use crate::action::Action;
 use crate::form::FormFocus;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{Model, Overlay, Typing, View};
+use crate::model::{Model, Notice, Overlay, Typing, View};
 use crate::prompt::Focus;
 use crate::widgets::pen::Pen;
-use crate::widgets::row::Row;
+use crate::widgets::row::{Row, wrap};
+
+/// The most lines of an answer.
+const NOTICE_ROWS: u16 = 8;
+
+/// How many lines stand at the foot of a screen: an answer is shown whole, whatever it takes of a third of the screen,
+/// or of half of a small one.
+#[must_use]
+pub fn height(model: &Model, screen: Rect) -> u16 {
+    let told = model.notice.as_ref().filter(|_| model.entry.typing.is_none());
+    let share = if screen.height < 16 { 2 } else { 3 };
+    let rows_max = (screen.height / share).clamp(1, NOTICE_ROWS);
+    told.map_or(1, |notice| {
+        let lines = notice_lines(model, notice, usize::from(screen.width), usize::from(rows_max));
+        u16::try_from(lines.len()).unwrap_or(rows_max).max(1)
+    })
+}
+
+/// An answer in lines that leave room for the key that stops; where even so many do not hold it, the last one says so.
+fn notice_lines(model: &Model, notice: &Notice, width: usize, rows_max: usize) -> Vec<String> {
+    let room = width.saturating_sub(stop(model).width() + 3);
+    let mut lines = wrap(&notice.text, room, rows_max + 1);
+    if lines.len() > rows_max {
+        lines.truncate(rows_max);
+        if let Some(last) = lines.last_mut() {
+            *last = super::short(&format!("{last}{}", "…".repeat(room.max(1))), room);
+        }
+    }
+    lines
+}
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
@@ -25,8 +54,19 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     } else if let Some(notice) = &model.notice {
         let (role, glyph) =
             if notice.bad { (ThemeRole::Problem, Glyph::Warning) } else { (ThemeRole::Notice, Glyph::Good) };
-        let text = super::short(&notice.text, room.saturating_sub(2));
-        beside(Row::of(role, &format!("{} {text}", pen.look.glyph(glyph))))
+        let lines = notice_lines(model, notice, width, usize::from(area.height).max(1));
+        let (last, before) =
+            lines.split_last().map_or(("", &[][..]), |(last, before)| (last.as_str(), before));
+        let lead = |at: usize| if at == 0 { pen.look.glyph(glyph) } else { " " };
+        let rows: Vec<Row> = before
+            .iter()
+            .enumerate()
+            .map(|(at, line)| Row::of(role, &format!("{} {line}", lead(at))))
+            .collect();
+        let row = beside(Row::of(role, &format!("{} {last}", lead(before.len()))));
+        pen.rows(area, 0, &rows);
+        pen.row(area, u16::try_from(rows.len()).unwrap_or(u16::MAX), &row);
+        return;
     } else {
         stop.clone().with(ThemeRole::Text, "  ").and(keys(
             model,
@@ -88,6 +128,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
     use crate::action::Action as A;
     let here: &[Action] = match (&model.entry.overlay, model.place.view) {
         (Some(Overlay::Palette(_)), _) => &[A::Open, A::Up, A::Down, A::Back],
+        (Some(Overlay::Prompt(prompt)), _) if prompt.closed => &[A::PageDown, A::Back],
         (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
         (Some(Overlay::Form(form)), _) if form.is_one_key() => &[A::Back],
@@ -102,6 +143,9 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (None, View::Approvals) => &[A::Open, A::Continue, A::Rollback, A::Abort],
         (None, View::Audit) => &[A::Verify, A::Filter, A::Copy, A::Export],
     };
+    if model.bare_absence().is_some() && model.entry.overlay.is_none() {
+        return vec![A::CommandLine, A::Help, A::Quit];
+    }
     let mut all = here.to_vec();
     // What is held already can be let go on.
     let here = model.version_here();
@@ -151,6 +195,7 @@ fn label(model: &Model, action: Action) -> String {
         (Action::NextPane, Some(_), _) => "next field",
         (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
         (Action::Open, Some(_), _) => "presses the button",
+        (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.closed => "close",
         (Action::Back, Some(Overlay::Prompt(_)), _) => "decide later",
         (Action::Back, Some(_), _) => "close",
         (Action::PageDown, _, _) => "more",

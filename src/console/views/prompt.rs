@@ -25,6 +25,9 @@ use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
 use holdpoint_governance::approval::Answer;
 
+/// The most lines of one sentence below the decision.
+const WRAPPED_MAX: usize = 5;
+
 /// Draws it over all of `area`.
 pub fn draw(model: &Model, prompt: &Prompt, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
@@ -113,7 +116,21 @@ fn extent(model: &Model, first: usize, room: usize, count: usize) -> String {
 
 fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let mut rows = Vec::new();
-    if let Some(stale) = &prompt.stale {
+    if prompt.closed && prompt.signing.is_none() {
+        let since = prompt
+            .stale
+            .as_ref()
+            .map_or_else(String::new, |stale| format!(" since {}", seconds(stale.at_ms)));
+        let text =
+            format!("{} CLOSED{since}: nothing is left to decide here", pen.look.glyph(Glyph::Warning));
+        rows.extend(wrapped(ThemeRole::Stale, &text, width));
+        rows.extend(refused(prompt, width));
+        let leaves = Row::of(ThemeRole::Key, "Enter").with(ThemeRole::Text, " or ");
+        let back = model.keymap.key(Action::Back);
+        rows.push(leaves.with(ThemeRole::Key, &back).with(ThemeRole::Text, " leaves it"));
+        return rows;
+    }
+    if let Some(stale) = prompt.stale.as_ref().filter(|_| !prompt.closed) {
         let key = model.keymap.key(Action::Reread);
         let text = format!(
             "{} STALE: {} at {}; press {key} to read it again",
@@ -121,7 +138,7 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
             stale.what,
             seconds(stale.at_ms)
         );
-        rows.push(Row::of(ThemeRole::Stale, &text));
+        rows.extend(wrapped(ThemeRole::Stale, &text, width));
     }
     let (unread, all) = (prompt.unread(), prompt.text().len());
     if unread > 0 && prompt.stale.is_none() {
@@ -183,7 +200,8 @@ pub(super) fn signing_rows<W>(
     }
     let mut rows = vec![row];
     if let Some(problem) = &signing.problem {
-        rows.push(Row::of(ThemeRole::Problem, &format!("{} {problem}", pen.look.glyph(Glyph::Warning))));
+        let text = format!("{} {problem}", pen.look.glyph(Glyph::Warning));
+        rows.extend(wrapped(ThemeRole::Problem, &text, width));
     }
     rows.push(
         Row::of(ThemeRole::Key, "Enter")
@@ -231,8 +249,16 @@ fn missing(model: &Model, prompt: &Prompt, width: usize) -> Vec<Row> {
         .collect();
     let text = wrap(&said.join(", "), width, 4);
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Warning, line)).collect();
-    if let Some(block) = prompt.refused {
-        rows.push(Row::of(ThemeRole::Problem, &format!("That key did nothing: {}", block.hint())));
-    }
+    rows.extend(refused(prompt, width));
     rows
+}
+
+/// Why the last key did nothing.
+fn refused(prompt: &Prompt, width: usize) -> Vec<Row> {
+    let text = prompt.refused.map(|block| format!("That key did nothing: {}", block.hint()));
+    text.map_or_else(Vec::new, |text| wrapped(ThemeRole::Problem, &text, width))
+}
+
+fn wrapped(role: ThemeRole, text: &str, width: usize) -> Vec<Row> {
+    wrap(text, width, WRAPPED_MAX).iter().map(|line| Row::of(role, line)).collect()
 }

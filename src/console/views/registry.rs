@@ -35,11 +35,24 @@ struct Columns {
     bar: usize,
 }
 
+/// Columns of the widest age, `59 min`.
+const AGE_WIDTH: usize = 6;
+
 impl Columns {
+    /// Columns before the age, with the gap that keeps it apart.
+    const fn before_age(&self) -> usize {
+        GUTTER as usize + self.name + self.state + 1 + DIMENSIONS.len() * self.kappa() + 1
+    }
+
+    /// A kappa with its bar and its sign.
+    const fn kappa(&self) -> usize {
+        5 + self.bar + 1
+    }
+
     const fn of(fit: Fit) -> Self {
         match fit {
             Fit::Full => Self { name: 20, state: 22, bar: 5 },
-            Fit::Two => Self { name: 17, state: 22, bar: 2 },
+            Fit::Two => Self { name: 17, state: 21, bar: 2 },
             Fit::One | Fit::Tiny => Self { name: 9, state: 22, bar: 0 },
         }
     }
@@ -66,7 +79,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
     let columns = Columns::of(pen.fit);
     let look = pen.look;
-    pen.row(area, 0, &header(&columns, look));
+    // Half an age is none: where there is no room for the widest, the lines below tell it alone.
+    let has_age = columns.before_age() + AGE_WIDTH <= width;
+    pen.row(area, 0, &header(&columns, has_age, look));
     let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + DETAIL_ROWS));
     let now_ms = model.engine_ms();
     let limits = model.told.registry.page.thresholds;
@@ -78,25 +93,31 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
                 &format!("  {versions} {}", if *versions == 1 { "version" } else { "versions" }),
             )
         }
-        Some(RegistryItem::Version(row)) => version(row, limits, now_ms, &columns, look),
+        Some(RegistryItem::Version(row)) => version(row, limits, has_age.then_some(now_ms), &columns, look),
         None => Row::new(),
     });
     detail(model, items.get(cursor), pen, foot);
 }
 
-fn header(columns: &Columns, look: &Look) -> Row {
+fn header(columns: &Columns, has_age: bool, look: &Look) -> Row {
     let mut row = Row::new()
         .to_column(usize::from(GUTTER))
         .cell(ThemeRole::Muted, "version", columns.name)
         .cell(ThemeRole::Muted, "state", columns.state)
         .with(ThemeRole::Text, " ");
     for dimension in DIMENSIONS {
-        row = row.cell(ThemeRole::Muted, kappa_sign(dimension, look.ascii()), 5 + columns.bar + 1);
+        row = row.cell(ThemeRole::Muted, kappa_sign(dimension, look.ascii()), columns.kappa());
     }
-    row.with(ThemeRole::Muted, " age")
+    row.with(ThemeRole::Muted, if has_age { " age" } else { "" })
 }
 
-fn version(row: &VersionSummary, limits: [f64; 4], now_ms: u64, columns: &Columns, look: &Look) -> Row {
+fn version(
+    row: &VersionSummary,
+    limits: [f64; 4],
+    now_ms: Option<u64>,
+    columns: &Columns,
+    look: &Look,
+) -> Row {
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
     let name = format!("  {}{baseline}", row.version.version);
     let mut line = Row::new()
@@ -115,14 +136,20 @@ fn version(row: &VersionSummary, limits: [f64; 4], now_ms: u64, columns: &Column
         let below = kappa.is_some_and(|kappa| !(kappa >= limit));
         line = line.with(ThemeRole::Past, if below { look.glyph(Glyph::Down) } else { " " });
     }
-    // Minutes are enough here.
-    let age_ms = now_ms.saturating_sub(row.changed_ms);
-    let age = if (60_000..3_600_000).contains(&age_ms) {
-        format!("{} min", age_ms / 60_000)
-    } else {
-        duration(age_ms)
-    };
-    line.with(ThemeRole::Muted, &format!(" {age}"))
+    let age =
+        now_ms.map_or_else(String::new, |now_ms| format!(" {}", age(now_ms.saturating_sub(row.changed_ms))));
+    line.with(ThemeRole::Muted, &age)
+}
+
+/// How long ago, in the largest unit that fits: [`AGE_WIDTH`] columns at most.
+fn age(age_ms: u64) -> String {
+    let mins = age_ms / 60_000;
+    match mins {
+        0 => format!("{} s", age_ms / 1_000),
+        1..60 => format!("{mins} min"),
+        60..1_440 => format!("{} h", mins / 60),
+        _ => format!("{} d", (mins / 1_440).min(9_999)),
+    }
 }
 
 /// What the snapshot and the page know of the version under the cursor.
@@ -138,8 +165,9 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
     let mut sentence = Row::of(
         ThemeRole::Text,
         &format!(
-            "{}; by {}, {}, risk {}",
+            "{} for {}; by {}, {}, risk {}",
             standing(row.state, &row.flags),
+            duration(model.engine_ms().saturating_sub(row.changed_ms)),
             super::short(&row.author, 24),
             row.provenance,
             row.risk
@@ -154,4 +182,33 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
     let composite = candidate.composite.map_or_else(String::new, |value| format!("composite {value:.3}  "));
     let reason = candidate.reasons.first().map(reason_line).unwrap_or_default();
     pen.text(below(inside, 1), 0, ThemeRole::Text, &format!("{composite}{reason}"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ages were cut from ten minutes on in the most usual window.
+    #[test]
+    fn every_age_is_whole_where_there_is_a_column_for_it() {
+        const DAY_MS: u64 = 86_400_000;
+        for (age_ms, text) in [
+            (0, "0 s"),
+            (59_999, "59 s"),
+            (60_000, "1 min"),
+            (3_599_999, "59 min"),
+            (3_600_000, "1 h"),
+            (DAY_MS - 1, "23 h"),
+            (DAY_MS, "1 d"),
+            (400 * DAY_MS, "400 d"),
+            (u64::MAX, "9999 d"),
+        ] {
+            assert_eq!(age(age_ms), text);
+            assert!(age(age_ms).len() <= AGE_WIDTH, "{text}");
+        }
+        for (width, height) in [(80, 24), (100, 30), (120, 36)] {
+            let columns = Columns::of(Fit::of(width, height));
+            assert!(columns.before_age() + AGE_WIDTH <= usize::from(width), "{width} columns");
+        }
+    }
 }

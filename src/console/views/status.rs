@@ -28,7 +28,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let held = model.told.snapshot.as_deref().map(|snapshot| held(snapshot, pen.look, width));
     let waits = held.unwrap_or_default().and(waiting(model, pen.look));
     let Some(snapshot) = &model.told.snapshot else {
-        let text = "No word from the engine yet";
+        let absent = model.absence().is_some();
+        let text = if absent { "No engine is at work here" } else { "No word from the engine yet" };
         pen.row(
             area,
             0,

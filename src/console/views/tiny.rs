@@ -22,7 +22,8 @@ use holdpoint_protocol::snapshot::Snapshot;
 pub const OVERLAY_HEIGHT_MIN: u16 = 6;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let last = Rect { y: area.bottom() - 1, height: 1, ..area };
+    let foot_height = hints::height(model, area);
+    let last = Rect { y: area.bottom() - foot_height, height: foot_height, ..area };
     match area.height {
         0 => {}
         1 => pen.row(area, 0, &summary(model, pen, usize::from(area.width))),
@@ -33,9 +34,9 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         _ => {
             banner::draw(model, pen, above(area, 1));
             foot(model, pen, last);
-            let status = Rect { y: area.bottom() - 2, height: 1, ..area };
+            let status = Rect { y: last.y - 1, height: 1, ..area };
             pen.row(status, 0, &summary(model, pen, usize::from(area.width)));
-            body(model, pen, Rect { y: area.y + 1, height: area.height - 3, ..area });
+            body(model, pen, Rect { y: area.y + 1, height: area.height - 2 - foot_height, ..area });
         }
     }
 }
@@ -69,14 +70,20 @@ fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         .with(ThemeRole::Key, &format!("  {}", key(Action::Quit)))
         .with(ThemeRole::Text, " quits  ")
         .with(ThemeRole::Key, &key(Action::Help))
-        .with(ThemeRole::Text, " keys  ")
-        .with(ThemeRole::Key, &key(Action::Abort))
-        .with(ThemeRole::Text, " abort");
+        .with(ThemeRole::Text, " keys  ");
+    let row = if model.bare_absence().is_some() {
+        row
+    } else {
+        row.with(ThemeRole::Key, &key(Action::Abort)).with(ThemeRole::Text, " abort")
+    };
     pen.row(area, 0, &row);
 }
 
 /// What lies over the view, or the other alarms and what waits.
 fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    if let (Some(absence), None) = (model.bare_absence(), &model.entry.overlay) {
+        return super::alone::draw(model, absence, pen, area);
+    }
     match &model.entry.overlay {
         Some(_) if area.height < OVERLAY_HEIGHT_MIN => {
             pen.text(

@@ -172,7 +172,7 @@ mod tests {
                     Update::Events(some) => events += some.len() as u64,
                     Update::Answer { .. } => answers += 1,
                     Update::Lagged { missed: some } => missed += some,
-                    Update::Started | Update::Ended(_) => {}
+                    Update::Started | Update::Returned(_) | Update::Ended(_) => {}
                 }
             }
             publisher.flush();

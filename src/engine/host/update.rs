@@ -1,13 +1,41 @@
 //! What the engine's thread tells a front end in the same process, and how much of it may wait.
 
-use holdpoint_protocol::command::Reply;
+use crate::StartError;
+use holdpoint_protocol::command::{Reply, Request};
 use holdpoint_protocol::event::Event;
+use holdpoint_registry::StoreError;
+use holdpoint_text::Hint as _;
 
 /// The most requests that are on their way or not yet answered.
 pub const OUTSTANDING_MAX: usize = 64;
 
 /// The most updates that wait for the front end.
 pub const UPDATES_MAX: usize = 256;
+
+/// Why there is no engine: it did not come up, or did not end in good order.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{text}")]
+pub struct EndFault {
+    /// One sentence, with its hint.
+    pub text: String,
+    /// Whether another engine holds the store: that one is at work.
+    pub in_use: bool,
+}
+
+impl EndFault {
+    /// One that says nothing of another engine.
+    #[must_use]
+    pub fn of(text: impl Into<String>) -> Self {
+        Self { text: text.into(), in_use: false }
+    }
+}
+
+impl From<StartError> for EndFault {
+    fn from(error: StartError) -> Self {
+        let in_use = matches!(&error, StartError::Store(StoreError::InUse { .. }));
+        Self { text: error.sentence(), in_use }
+    }
+}
 
 /// What the engine's thread tells.
 #[derive(Debug)]
@@ -20,6 +48,8 @@ pub enum Update {
     Answer { id: String, reply: Reply },
     /// The front end was too slow: so many events were not told.
     Lagged { missed: u64 },
+    /// The engine ended before it took this request: nothing came of it here.
+    Returned(Box<Request>),
     /// The engine has ended; nothing comes after it.
-    Ended(Result<(), String>),
+    Ended(Result<(), EndFault>),
 }

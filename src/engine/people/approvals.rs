@@ -293,6 +293,14 @@ impl Approvals {
             let text = format!("the decision on {id} is over something that has changed since");
             return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
         }
+        if prompt.has_answered(&said.who, said.decision, record.now_s()) {
+            let (who, answer) = (&said.who, said.decision.name());
+            let text =
+                format!("{who} has answered {answer} on {id} already; the same answer is not taken twice");
+            let hint =
+                "`holdpoint status` shows whom it waits for; another answer of the same person is taken";
+            return refuse(Refusal::NotAllowed, text, Some(hint));
+        }
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
         let expires_s = said.not_after_ms as f64 / 1000.0;
         let mut records = Vec::new();

@@ -119,3 +119,51 @@ fn a_reason_that_nobody_can_see_is_none() {
         assert!(!decides(&console.keys("N")), "{unseen:?}");
     }
 }
+
+/// A question that was answered elsewhere: no key that would do nothing is offered, and none does anything.
+#[test]
+fn a_closed_question_offers_nothing_but_to_leave_it() {
+    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+    for (is_stale, protection) in
+        [(false, Protection::None), (true, Protection::None), (false, Protection::Passphrase)]
+    {
+        let mut console = TestConsole::new(1);
+        console.sit_with("ana", protection);
+        console.open_prompt();
+        console.fill("aaaa", "looks right");
+        if is_stale {
+            console.tell(MsgKind::Snapshot(Arc::new(snapshot(1, 'f'))));
+        } else if protection == Protection::Passphrase {
+            console.keys("Y");
+            let Some(Overlay::Prompt(prompt)) = &console.model.entry.overlay else { panic!("it asks") };
+            assert!(prompt.signing.is_some());
+        }
+        let mut closed = snapshot(1, 'e');
+        closed.prompts.clear();
+        console.tell(MsgKind::Snapshot(Arc::new(closed)));
+        for keys in ["", "Y", "N", "r", "\t", "aaaa"] {
+            for key in keys.chars() {
+                let code = if key == '\t' { KeyCode::Tab } else { KeyCode::Char(key) };
+                assert!(!decides(&console.press(code)), "{key:?}");
+            }
+            console.model.notice = None;
+            let screen = crate::frame::text_of(&console.model, &look, 120, 36);
+            assert!(screen.contains("CLOSED since") && screen.contains("Enter or esc leaves it"), "{screen}");
+            for offer in [
+                "Promote]",
+                "Y Promote",
+                "Reject",
+                "read it again",
+                "short id",
+                "Passphrase",
+                "decide later",
+                "reread",
+            ] {
+                assert!(!screen.contains(offer), "{offer:?} after {keys:?}: {screen}");
+            }
+        }
+        console.press(KeyCode::Enter);
+        assert!(console.model.entry.overlay.is_none());
+        assert!(!console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("goes on waiting")));
+    }
+}

@@ -207,7 +207,7 @@ fn a_candidate_is_submitted_by_somebody_and_stopping_asks_for_nothing() {
     console.keys(":demo");
     assert!(console.press(KeyCode::Enter).is_empty(), "it is confirmed first");
     assert!(seen(&console).contains("Submit the next demonstration candidate"));
-    assert!(console.keys("y").is_empty());
+    assert!(console.confirm().is_empty());
     console.keys(WORDS);
     let effects = console.press(KeyCode::F(9));
     assert!(matches!(&effects[..], [Effect::Ask { question: Question::Stop { .. }, .. }]), "{effects:?}");
@@ -220,7 +220,7 @@ fn a_candidate_is_submitted_by_somebody_and_stopping_asks_for_nothing() {
     console.sit_with("bo", Protection::None);
     console.keys(":register somewhere");
     console.press(KeyCode::Enter);
-    let effects = console.keys("y");
+    let effects = console.confirm();
     assert!(
         matches!(&effects[..], [Effect::Register { folder: Some(_), passphrase: None, .. }]),
         "{effects:?}"

@@ -21,7 +21,7 @@ fn one_key_stops_from_everywhere() {
     console.model.settings.read_only = true;
     console.model.seat.operator = None;
     let stopped = console.press(KeyCode::F(9));
-    assert!(matches!(&stopped[..], [Effect::Ask { question: Question::Stop { by }, .. }] if by == "console"));
+    assert!(matches!(&stopped[..], [Effect::Ask { question: Question::Stop { by }, .. }] if by.is_empty()));
 }
 
 #[test]
@@ -78,4 +78,41 @@ fn a_goal_takes_a_reason() {
         reason: "the tray is being cleaned".to_owned(),
     };
     assert_eq!(confirmed.as_ref().clone().into_command(), asked);
+}
+
+/// Whoever let it work again, and from wherever: no line of this screen goes on saying that it is stopped.
+#[test]
+fn a_go_from_elsewhere_leaves_no_stale_line() {
+    let mut console = TestConsole::new(0);
+    let body = json!({ "links": [[0, 0, 0], [0, 0, 1]], "pads": [[0, 0, 1], [0, 0, 1]], "hand": [0, 0, 0, 1],
+        "object": [0, 0, 0], "object_turn": [0, 0, 0, 1], "object_half_m": 0.02, "held": false });
+    let picture = json!({ "sequence": 1, "at_ms": 59_000, "at_secs": 1.0, "task": null, "version": null, "body": body,
+        "speed_m_s": 0, "force_n": 0, "contact_n": 0, "envelope": null, "contacts": [], "blocks": [],
+        "unexpected_contact": false, "stopped": true, "twin": null });
+    console.tell(MsgKind::Picture(Arc::new(serde_json::from_value(picture).unwrap())));
+    let effects = console.keys("X");
+    let [Effect::Ask { id, .. }] = &effects[..] else { panic!("{effects:?}") };
+    let reply = json!({ "reply": "accepted", "text": "the cell is stopped; `go` lets it work again", "version": null });
+    let reply = Box::new(serde_json::from_value(reply).unwrap());
+    console.tell(MsgKind::Answer { id: id.clone(), reply });
+    let mut now = snapshot(0, 'e');
+    now.stopped = Some(StoppedView {
+        by: "ana".to_owned(),
+        caller: Caller::Script,
+        reason: String::new(),
+        since_ms: 60_000,
+        stood_after_ticks: Some(20),
+    });
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
+    let screen = |console: &TestConsole| crate::frame::text_of(&console.model, &look, 120, 36).to_lowercase();
+    assert!(screen(&console).contains("stopped"));
+
+    let go = json!({ "seq": 9, "at_ms": 61_000, "event": "cell-released", "by": "omar",
+        "caller": { "kind": "script" }, "reason": "the cell is empty" });
+    console.tell(MsgKind::Events(vec![serde_json::from_value(go).unwrap()]));
+    console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+    let after = screen(&console);
+    assert!(!after.contains("stopped"), "{after}");
+    assert!(after.contains("the cell works again: omar let it"), "{after}");
 }

@@ -120,6 +120,13 @@ impl PendingQuestion {
         self.row_version == row_version && self.overdue == overdue
     }
 
+    /// Whether this is what somebody answered last, and it has not run out: once more it would say nothing new.
+    #[must_use]
+    pub fn has_answered(&self, who: &str, answer: Answer, now_s: f64) -> bool {
+        let last = self.votes.iter().rev().find(|vote| vote.person == who);
+        last.is_some_and(|last| last.answer == answer && now_s < last.expires_s)
+    }
+
     #[must_use]
     pub fn last_voter(&self) -> Option<String> {
         self.signed.last().map(|signed| signed.approval().who.clone())

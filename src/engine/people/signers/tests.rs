@@ -10,6 +10,7 @@ use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::snapshot::PromptView;
 
 use super::*;
 use crate::people::persons::{enrolled, guarded};
@@ -205,11 +206,52 @@ fn two_names_with_one_key_count_once() {
     let zoe = copied(&folder, "ann", "zoe");
     done(&approve(&mut bench, &ann, None));
     refused(&approve(&mut bench, &zoe, None), &["zoe is not enrolled"]);
-    done(&approve(&mut bench, &ann, None));
+    refused(&approve(&mut bench, &ann, None), &["ann has answered approve"]);
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it still waits for a second person");
     let ben = protected(&mut bench, "ben");
     done(&approve(&mut bench, &ben, None));
     assert!(bench.pipeline.snapshot().prompts.is_empty(), "two people have approved");
+}
+
+/// One person's answer was taken, and put on record, as often as it was given.
+#[test]
+fn the_same_answer_is_not_taken_twice_and_another_one_is() {
+    let (mut bench, _) = waiting_for_two();
+    let ann = protected(&mut bench, "ann");
+    let asked = bench.pipeline.snapshot().prompts.remove(0);
+    let mut answer = |answer: Answer| {
+        // Each is signed for itself: only what it says is the same.
+        let command = asked.answer(&ann, answer, "evidence read", Some("all of it".to_owned())).unwrap();
+        let reply = bench.pipeline.command(command);
+        let records = bench.pipeline.record().ledger().store().views().unwrap().head().unwrap().seq;
+        (reply, records, bench.pipeline.snapshot().prompts)
+    };
+    let (first, records, _) = answer(Answer::Approve);
+    done(&first);
+    let (second, after, prompts) = answer(Answer::Approve);
+    refused(
+        &second,
+        &["ann has answered approve on align@1.1.0 already", "the same answer is not taken twice"],
+    );
+    assert_eq!(after, records, "nothing more is put on record");
+    assert_eq!(prompts[0].approved_by, ["ann"]);
+    // Who thinks better of it is heard.
+    let (other, after, prompts) = answer(Answer::Reject);
+    done(&other);
+    assert!(after > records && prompts.is_empty());
+}
+
+/// An approval that has run out is given anew: it counts no more, so the next one says something.
+#[test]
+fn an_answer_that_has_run_out_can_be_given_again() {
+    let (mut bench, _) = waiting_for_two();
+    let ann = protected(&mut bench, "ann");
+    let asked = bench.pipeline.snapshot().prompts.remove(0);
+    let soon = PromptView { valid_until_ms: asked.asked_ms + 2_000, ..asked.clone() };
+    done(&bench.pipeline.command(soon.answer(&ann, Answer::Approve, "read", None).unwrap()));
+    bench.pipeline.jump_to(asked.asked_ms + 3_000);
+    done(&approve(&mut bench, &ann, None));
+    refused(&approve(&mut bench, &ann, None), &["ann has answered approve"]);
 }
 
 /// An approval that is given and not used yet counts no more when its key is revoked, and a later one is refused.

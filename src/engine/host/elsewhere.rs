@@ -1,0 +1,71 @@
+//! The engine in another process, which is at work on the store while this process has none: asked over the store's socket.
+
+use crate::door::{Client, DoorError};
+use holdpoint_protocol::command::{Command, Refusal, Reply};
+use holdpoint_registry::Layout;
+use holdpoint_text::Problem;
+
+/// Whatever engine is at work on a store.
+#[derive(Clone, Debug)]
+pub struct EngineElsewhere {
+    layout: Layout,
+}
+
+impl EngineElsewhere {
+    pub(super) const fn new(layout: Layout) -> Self {
+        Self { layout }
+    }
+
+    /// Asks it, and tells what it answered, or that there is none. Waits for the answer.
+    #[must_use]
+    pub fn ask(&self, command: Command) -> Reply {
+        let client = Client::connect(&self.layout);
+        match client.and_then(|client| client.map(|mut it| it.ask(command)).transpose()) {
+            Ok(Some(reply)) => said(reply),
+            Ok(None) => {
+                let hint = "`holdpoint stop` in a shell keeps the next one stopped";
+                let problem = Problem::new("no engine is at work on this store").with_hint(hint);
+                Reply::refused(Refusal::NotNow, &problem)
+            }
+            Err(error) => Reply::refused(code(&error), &error),
+        }
+    }
+}
+
+/// Its answer, with whose it is.
+fn said(reply: Reply) -> Reply {
+    const WHO: &str = "the engine at work, in another process";
+    match reply {
+        Reply::Accepted { text, version } => Reply::Accepted { text: format!("{WHO}: {text}"), version },
+        Reply::Refused { code, text, hint } => Reply::Refused { code, text: format!("{WHO}: {text}"), hint },
+        other => other,
+    }
+}
+
+const fn code(error: &DoorError) -> Refusal {
+    match error {
+        DoorError::NoAnswer { .. } | DoorError::Silent { .. } | DoorError::Ended { .. } => Refusal::NotNow,
+        DoorError::PathTooLong { .. }
+        | DoorError::Taken { .. }
+        | DoorError::Io { .. }
+        | DoorError::Foreign { .. }
+        | DoorError::Protocol { .. }
+        | DoorError::Closed { .. }
+        | DoorError::Random(_) => Refusal::BadInput,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_store_that_nobody_works_on_says_so_and_what_helps() {
+        let folder = tempfile::tempdir().unwrap();
+        let stop = Command::Stop { by: String::new(), reason: String::new() };
+        let reply = EngineElsewhere::new(Layout::new(folder.path())).ask(stop);
+        let Reply::Refused { code: Refusal::NotNow, text, hint } = reply else { panic!("{reply:?}") };
+        assert!(text.contains("no engine is at work"), "{text}");
+        assert!(hint.is_some_and(|hint| hint.contains("holdpoint stop")));
+    }
+}
