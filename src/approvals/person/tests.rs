@@ -121,7 +121,7 @@ fn any_edit_voids_an_act() {
         edit(&mut forged.act);
         assert!(persons.check(&forged).is_err(), "{name}");
     }
-    for reason in ["", " \u{200b}", &"x".repeat(REASON_BYTES_MAX + 1)] {
+    for reason in ["", " \u{200b}", &"x".repeat(super::super::signed::REASON_BYTES_MAX + 1)] {
         let act = persons.enrolment(ben.info(), false, &root, reason).unwrap();
         assert!(matches!(persons.check(&act), Err(PersonError::Field { field: "reason", .. })));
     }
