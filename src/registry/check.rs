@@ -166,7 +166,8 @@ pub(crate) fn check_tables(
     database: &Path,
     store_id: &str,
 ) -> Result<(), StoreError> {
-    let unreadable = |error: rusqlite::Error| not_the_chain(database, &format!("it cannot be read: {}", said(&error)));
+    let unreadable =
+        |error: rusqlite::Error| not_the_chain(database, &format!("it cannot be read: {}", said(&error)));
     if let Some(fault) = compare(fold, connection).map_err(unreadable)? {
         return Err(not_the_chain(database, &described(fold, connection, &fault)));
     }

@@ -37,7 +37,9 @@ pub enum StoreError {
     #[error("the disk is full: the store could not {what}; nothing was changed")]
     DiskFull { what: &'static str },
     /// A row is longer than any that this program writes.
-    #[error("the store could not {what}: its database has a row of more than {ROW_BYTES_MAX} bytes, and so many are read")]
+    #[error(
+        "the store could not {what}: its database has a row of more than {ROW_BYTES_MAX} bytes, and so many are read"
+    )]
     RowTooLong { what: &'static str },
     /// No such version, request, approval or family.
     #[error("there is no {what} {name:?} in the store")]

@@ -43,6 +43,7 @@ mod rebuild;
 mod recovery;
 mod replay;
 mod row_limit;
+mod row_limit;
 mod rows;
 mod sealing;
 mod seals;

@@ -22,9 +22,15 @@ pub(crate) fn is_reached(error: &rusqlite::Error) -> bool {
 /// SQLite's error, with the limit where it is one.
 pub(crate) fn said(error: &rusqlite::Error) -> String {
     if is_reached(error) {
-        return format!("it has a text of more than {ROW_BYTES_MAX} bytes, and so many are read");
+        return format!("there is a text of more than {ROW_BYTES_MAX} bytes, and so many are read");
     }
     error.to_string()
+}
+
+/// As [`said`], of a row of this table.
+pub(crate) fn said_of(table: &str, error: &rusqlite::Error) -> String {
+    let said = said(error);
+    if is_reached(error) { format!("its table {table}: {said}") } else { said }
 }
 
 /// The first text beside the chain that is too long, by the lengths that the rows have at their beginning: none is loaded.

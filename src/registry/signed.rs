@@ -45,7 +45,7 @@ pub(crate) fn read(connection: &Connection) -> Result<Option<Checkpoint>, String
     let text: Option<String> = connection
         .query_row("SELECT value FROM meta WHERE key = ?1", [KEY], |row| row.get(0))
         .optional()
-        .map_err(|error| row_limit::said(&error))?;
+        .map_err(|error| row_limit::said_of("meta", &error))?;
     let read = |text: String| -> Result<Checkpoint, serde_json::Error> {
         let end: Checkpoint = serde_json::from_str(&text)?;
         if serde_json::to_string(&end)? == text {
