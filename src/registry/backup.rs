@@ -337,7 +337,11 @@ fn make_folder(path: &Path) -> Result<(), StoreError> {
 type Wanted<'a> = &'a dyn Fn(&Path) -> bool;
 
 /// The files of a folder that are wanted, and the folders in it; links are left out. `None` if there is no such folder.
-fn listed(from: &Path, depth: usize, wanted: Wanted<'_>) -> Result<Option<Vec<(OsString, FileType)>>, StoreError> {
+fn listed(
+    from: &Path,
+    depth: usize,
+    wanted: Wanted<'_>,
+) -> Result<Option<Vec<(OsString, FileType)>>, StoreError> {
     match fs::symlink_metadata(from) {
         Ok(found) if found.is_dir() && depth > 0 => {}
         // What a link leads to is no part of the store, or a part that is copied only when that was asked for.
@@ -410,7 +414,8 @@ fn copy_file(from: &Path, to: &Path) -> Result<(), StoreError> {
     let into = OpenOptions::new().write(true).create_new(true).mode(0o600).open(to);
     let mut into = into.map_err(StoreError::io("write", to))?;
     // It may have grown since it was looked at.
-    let copied = io::copy(&mut file.take(FILE_BYTES_MAX + 1), &mut into).map_err(StoreError::io("copy", from))?;
+    let copied =
+        io::copy(&mut file.take(FILE_BYTES_MAX + 1), &mut into).map_err(StoreError::io("copy", from))?;
     check_size(from, copied)?;
     into.set_permissions(fs::Permissions::from_mode(mode)).map_err(StoreError::io("write", to))
 }
