@@ -12,6 +12,7 @@ use serde_json::ser::Formatter;
 
 use super::error::StoreError;
 use super::merkle::Frontier;
+use super::row_limit::said;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::words::Word;
@@ -146,7 +147,7 @@ pub(crate) fn for_each<E: From<rusqlite::Error>>(
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The chain cannot be read.
-    #[error("the audit chain cannot be read: {0}")]
+    #[error("the audit chain cannot be read: {}", said(.0))]
     Read(#[from] rusqlite::Error),
     /// The output cannot be written.
     #[error("the audit chain cannot be written out: {0}")]

@@ -20,7 +20,10 @@ const BODY_DEPTH_MAX: usize = 32;
 pub(super) enum Said {
     Put(ApprovalOnRecord),
     /// An act about a person, and what the change is called.
-    Act { change: String, signed: Box<SignedPersonAct> },
+    Act {
+        change: String,
+        signed: Box<SignedPersonAct>,
+    },
     Witness(WitnessOnRecord),
     /// Nonces of approvals that a rebuild gave up.
     Lost(Vec<String>),
@@ -61,7 +64,9 @@ pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<Said, String
         Some(RecordKind::PersonEnrolled | RecordKind::PersonConfirmed | RecordKind::PersonRevoked) => {
             let mut change: Value = change_of(text)?;
             let name = change.as_object_mut().and_then(|fields| fields.remove("change"));
-            let Some(Value::String(name)) = name else { return Err("it is no act about a person".to_owned()) };
+            let Some(Value::String(name)) = name else {
+                return Err("it is no act about a person".to_owned());
+            };
             Ok(Said::Act { change: name, signed: Box::new(typed(change)?) })
         }
         Some(RecordKind::WitnessSet) => {
@@ -99,7 +104,9 @@ fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
 /// What a text says that is the one text of its value.
 fn value_of(text: &str) -> Result<Value, String> {
     if text.bytes().filter(|byte| matches!(byte, b',' | b'[' | b'{')).count() > BODY_MARKS_MAX {
-        return Err(format!("it has more than {BODY_MARKS_MAX} commas and brackets, and so many are allowed"));
+        return Err(format!(
+            "it has more than {BODY_MARKS_MAX} commas and brackets, and so many are allowed"
+        ));
     }
     let value: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
     check(&value, BODY_DEPTH_MAX)?;
@@ -135,7 +142,8 @@ mod tests {
     #[test]
     fn a_body_has_one_text() {
         let deep = |count: usize| "[".repeat(count) + &"]".repeat(count);
-        for good in ["{\"a\":1,\"b\":[-9223372036854775808,18446744073709551615]}", "\"\u{7f}é\"", &deep(32)] {
+        for good in ["{\"a\":1,\"b\":[-9223372036854775808,18446744073709551615]}", "\"\u{7f}é\"", &deep(32)]
+        {
             assert!(value_of(good).is_ok(), "{good}");
         }
         let marks = format!("[{}0]", "0,".repeat(BODY_MARKS_MAX));
@@ -157,7 +165,7 @@ mod tests {
             &deep(1000),
             &marks,
         ] {
-            assert!(value_of(bad).is_err(), "{:.60}", bad);
+            assert!(value_of(bad).is_err(), "{bad:.60}");
         }
     }
 }

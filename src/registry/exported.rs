@@ -87,8 +87,7 @@ pub fn export_store(
     let connection = connection.map_err(other)?;
     connection.execute_batch("BEGIN")?;
     let head = audit::head(&connection)?;
-    let store_id: String =
-        connection.query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))?;
+    let store_id = store_id::read(&connection, database).map_err(other)?;
     let bad = |problem: String| other(StoreError::invalid("signed end", "", problem));
     let end = signed::read(&connection).map_err(bad)?;
     let folder = database.parent().unwrap_or(Path::new(".")).join("checkpoints");
@@ -206,4 +205,3 @@ pub fn verify_export(path: &Path, key: Option<&VerifyingKey>) -> Result<ExportRe
         key_given: key.is_some(),
     })
 }
-

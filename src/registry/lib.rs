@@ -43,7 +43,6 @@ mod rebuild;
 mod recovery;
 mod replay;
 mod row_limit;
-mod row_limit;
 mod rows;
 mod sealing;
 mod seals;
