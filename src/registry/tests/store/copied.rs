@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{
-    BackupError, BackupParts, LeftOut, RecordingOnRecord, Store, Views, backup, check_store, store_info, verify,
-    verify_copy,
+    BackupError, BackupParts, LeftOut, RecordingOnRecord, Store, Views, backup, check_store, store_info,
+    verify, verify_copy,
 };
 
 use crate::edits::{made, quick_folder};

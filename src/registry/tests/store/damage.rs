@@ -34,7 +34,7 @@ pub fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
     *store.public_key()
 }
 
-const UNLOCK: &str =
+pub const UNLOCK: &str =
     "DROP TRIGGER audit_no_delete; DROP TRIGGER audit_no_update; DROP TRIGGER audit_in_order;
     DROP TRIGGER version_kept; DROP TRIGGER version_identity; DROP TRIGGER version_terminal;
     DROP TRIGGER approval_once; DROP TRIGGER approval_kept;

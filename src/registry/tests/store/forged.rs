@@ -185,7 +185,9 @@ pub fn mend(lines: &mut [Node], keys: &Keys, mended: Mended) {
     }
     let (mut number, mut previous) = (0, Digest::from_bytes([0; 32]));
     for line in &mut *lines {
-        let Some(name) = ["head", "end"].into_iter().find(|name| line.at(&[name]).is_some()) else { continue };
+        let Some(name) = ["head", "end"].into_iter().find(|name| line.at(&[name]).is_some()) else {
+            continue;
+        };
         let Some(head) = line.at_mut(&[name]) else { continue };
         let seq = head.number(&["seq"]).and_then(|seq| usize::try_from(seq).ok());
         if let Some(upto) = seq.and_then(|seq| hashes.get(..seq)).filter(|_| mended.chain)

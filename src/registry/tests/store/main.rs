@@ -22,6 +22,7 @@ mod forged;
 mod key_files;
 mod kill;
 mod killed;
+mod lengths;
 mod long;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
@@ -36,6 +37,7 @@ mod rebuild;
 mod registry;
 mod released;
 mod signed;
+mod strict;
 mod support;
 mod telemetry;
 mod tree;

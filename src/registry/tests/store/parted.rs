@@ -71,8 +71,14 @@ fn edit_bytes(dice: &mut Dice, bytes: &mut Vec<u8>) {
 
 /// One that matters more often than the many others.
 fn a_line(dice: &mut Dice, lines: &[Node]) -> usize {
-    const JUDGED: [&str; 6] =
-        ["approval-put", "person-enrolled", "person-confirmed", "person-revoked", "witness-set", "store-rebuilt"];
+    const JUDGED: [&str; 6] = [
+        "approval-put",
+        "person-enrolled",
+        "person-confirmed",
+        "person-revoked",
+        "witness-set",
+        "store-rebuilt",
+    ];
     let wanted = dice.roll(10);
     let is_wanted = |line: &&Node| match wanted {
         0 => line.at(&["export"]).is_some(),
@@ -97,12 +103,19 @@ fn edit_lines(dice: &mut Dice, lines: &mut Vec<Node>) {
         }
         3..=5 => {
             if let Some((from, to)) = lines[at].clone().an_edit(dice) {
-                lines.iter_mut().for_each(|line| line.replace(&from, &to));
+                for line in &mut *lines {
+                    line.replace(&from, &to);
+                }
             }
         }
-        _ => {
+        edit => {
             let others: Vec<Node> = (0..4).map(|_| lines[a_line(dice, lines)].clone()).collect();
-            lines[at].mutate(dice, &others);
+            if edit > 7 {
+                lines[at].mutate(dice, &others);
+            } else {
+                // Most places are in lists or are lists.
+                (0..4).for_each(|_| lines[at].exchange(dice, &others));
+            }
         }
     }
 }
@@ -115,7 +128,8 @@ fn mutant(dice: &mut Dice, whole: &Whole) -> Vec<u8> {
             edit_lines(dice, &mut lines);
         }
         if dice.roll(4) != 0 {
-            let mended = Mended { chain: dice.roll(8) != 0, links: dice.roll(3) != 0, signatures: dice.roll(8) != 0 };
+            let mended =
+                Mended { chain: dice.roll(8) != 0, links: dice.roll(3) != 0, signatures: dice.roll(8) != 0 };
             mend(&mut lines, &whole.keys, mended);
         }
     }
@@ -181,7 +195,9 @@ fn a_mended_export_is_sound() {
         let before = exported(&store, &file);
         let mut lines: Vec<Node> = before.iter().map(|line| Node::parse(line).unwrap()).collect();
         assert_eq!(written(&lines), fs::read(&file).unwrap(), "{store:?}");
-        let gap = lines.iter().any(|line| line.is_true(&["head", "link", "gap"]) || line.is_true(&["end", "link", "gap"]));
+        let gap = lines
+            .iter()
+            .any(|line| line.is_true(&["head", "link", "gap"]) || line.is_true(&["end", "link", "gap"]));
         let everything = Mended { chain: true, links: !gap, signatures: true };
         mend(&mut lines, &Keys::of(&store), everything);
         fs::write(&file, written(&lines)).unwrap();

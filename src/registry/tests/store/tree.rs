@@ -219,6 +219,33 @@ impl Node {
         }
     }
 
+    /// Puts another value in the place of one, and leaves it as it is written otherwise; `others` is what it may take from
+    /// elsewhere.
+    pub fn exchange(&mut self, dice: &mut Dice, others: &[Self]) {
+        let mut other = others[dice.roll(others.len())].clone();
+        let other = other.any(dice).clone();
+        match self.any(dice) {
+            Self::Text(text) if text.starts_with('{') => {
+                if let Some(mut inner) = Self::parse(text) {
+                    inner.exchange(dice, others);
+                    *text = inner.written(Letters::All);
+                }
+            }
+            node @ Self::Text(_) => match (dice.roll(3), &other) {
+                (0, Self::Text(text)) if !text.starts_with('{') => *node = other,
+                _ => *node = Self::Text(TEXTS[dice.roll(TEXTS.len())].to_owned()),
+            },
+            node @ Self::Raw(_) => match &other {
+                Self::Raw(_) => *node = other,
+                _ => {
+                    *node =
+                        Self::Raw(["0", "1", "2", "true", "18446744073709551615"][dice.roll(5)].to_owned());
+                }
+            },
+            Self::List(_) | Self::Object(_) => {}
+        }
+    }
+
     /// What somebody with an editor makes of it; `others` is what it may take from elsewhere.
     pub fn mutate(&mut self, dice: &mut Dice, others: &[Self]) {
         let mut other = others[dice.roll(others.len())].clone();
@@ -242,7 +269,10 @@ impl Node {
             Self::Raw(text) => *node = other_word(dice, text),
             Self::Text(text) => *node = other_text(dice, text),
             Self::List(values) => match dice.roll(6) {
-                0 => *node = Self::Object((0..).map(|nth: i32| nth.to_string()).zip(values.drain(..)).collect()),
+                0 => {
+                    *node =
+                        Self::Object((0..).map(|nth: i32| nth.to_string()).zip(values.drain(..)).collect());
+                }
                 1 => values.push(other),
                 2 => values.reverse(),
                 3 => *node = Self::Raw("null".to_owned()),
@@ -290,9 +320,28 @@ const SAYS_NOTHING: [(&str, &str); 12] = [
 ];
 
 const NUMBERS: [&str; 22] = [
-    "0", "1", "-0", "-1", "00", "01", "1.0", "1e0", "0.5", "1E400", "NaN", "Infinity", "-Infinity", "true", "false",
-    "null", "9223372036854775807", "9223372036854775808", "18446744073709551615", "18446744073709551616",
-    "-9223372036854775808", "-9223372036854775809",
+    "0",
+    "1",
+    "-0",
+    "-1",
+    "00",
+    "01",
+    "1.0",
+    "1e0",
+    "0.5",
+    "1E400",
+    "NaN",
+    "Infinity",
+    "-Infinity",
+    "true",
+    "false",
+    "null",
+    "9223372036854775807",
+    "9223372036854775808",
+    "18446744073709551615",
+    "18446744073709551616",
+    "-9223372036854775808",
+    "-9223372036854775809",
 ];
 
 fn other_word(dice: &mut Dice, text: &str) -> Node {
@@ -319,8 +368,8 @@ const POINTS: [&str; 8] = [
 ];
 /// The order of the group, the lowest byte first.
 const ORDER: [u8; 32] = [
-    0xed, 0xd3, 0xf5, 0x5c, 0x1a, 0x63, 0x12, 0x58, 0xd6, 0x9c, 0xf7, 0xa2, 0xde, 0xf9, 0xde, 0x14, 0, 0, 0, 0, 0, 0,
-    0, 0, 0, 0, 0, 0, 0, 0, 0, 0x10,
+    0xed, 0xd3, 0xf5, 0x5c, 0x1a, 0x63, 0x12, 0x58, 0xd6, 0x9c, 0xf7, 0xa2, 0xde, 0xf9, 0xde, 0x14, 0, 0, 0,
+    0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x10,
 ];
 
 /// The same signature for whoever does not look whether its second half is reduced.
@@ -336,9 +385,36 @@ fn not_reduced(text: &str) -> Option<String> {
 }
 
 const TEXTS: [&str; 30] = [
-    "", " ", "\u{a0}\u{2800}", "é漢😀", "\u{7f}\u{1}", "operator", "engineer", "safety", "admin", "captain", "approve",
-    "reject", "maybe", "sim", "real", "human", "lab", "grasp@1.1.0", "grasp@01.1.0", "grasp@1.1.0-rc.1+b", "grasp",
-    "ada", "ben", "enrol", "revoke", "confirm", "put-approval", "set-witness", "enrol-person", "store-rebuilt",
+    "",
+    " ",
+    "\u{a0}\u{2800}",
+    "é漢😀",
+    "\u{7f}\u{1}",
+    "operator",
+    "engineer",
+    "safety",
+    "admin",
+    "captain",
+    "approve",
+    "reject",
+    "maybe",
+    "sim",
+    "real",
+    "human",
+    "lab",
+    "grasp@1.1.0",
+    "grasp@01.1.0",
+    "grasp@1.1.0-rc.1+b",
+    "grasp",
+    "ada",
+    "ben",
+    "enrol",
+    "revoke",
+    "confirm",
+    "put-approval",
+    "set-witness",
+    "enrol-person",
+    "store-rebuilt",
 ];
 
 fn other_text(dice: &mut Dice, text: &str) -> Node {
@@ -353,7 +429,7 @@ fn other_text(dice: &mut Dice, text: &str) -> Node {
         5 => text.push('0'),
         6 => text = "a".repeat([64, 65, 4096, 4097][dice.roll(4)]),
         7 if text.len() == 2 * point() => text = not_reduced(&text).unwrap_or_default(),
-        7 | 8 if text.len() == point() => text = POINTS[dice.roll(POINTS.len())].to_owned(),
+        7 | 8 if text.len() == point() => POINTS[dice.roll(POINTS.len())].clone_into(&mut text),
         7..=9 if text.len() == 2 * point() => {
             text = POINTS[dice.roll(POINTS.len())].to_owned() + &text[point()..];
             if dice.roll(2) == 0 {
@@ -366,7 +442,7 @@ fn other_text(dice: &mut Dice, text: &str) -> Node {
                 text.replace_range(at..=at, ["0", "f", "A", "/", "\""][dice.roll(5)]);
             }
         }
-        _ => text = TEXTS[dice.roll(TEXTS.len())].to_owned(),
+        _ => TEXTS[dice.roll(TEXTS.len())].clone_into(&mut text),
     }
     Node::Text(text)
 }

@@ -1,5 +1,6 @@
 //! The history of a store in one file, and the verifier in Python that judges it as ours does.
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -32,10 +33,15 @@ pub fn python(file: &Path) -> Option<serde_json::Value> {
     answers.into_iter().next()
 }
 
+/// A Python, and the verifier for it.
+pub fn script() -> (OsString, PathBuf) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/verifier/verify.py");
+    (std::env::var_os("HOLDPOINT_PYTHON").unwrap_or_else(|| "python3".into()), script)
+}
+
 /// What the verifier in Python says of each of these, asked once.
 pub fn python_of_all(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serde_json::Value>> {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/verifier/verify.py");
-    let python = std::env::var_os("HOLDPOINT_PYTHON").unwrap_or_else(|| "python3".into());
+    let (python, script) = script();
     let there = Command::new(&python).args(["-c", "import cryptography"]).output();
     if !there.is_ok_and(|output| output.status.success()) {
         assert!(
