@@ -510,7 +510,7 @@ impl Fold {
             RecordKind::StoreRebuilt => {
                 let RecordBody::<StoreRebuilt> { change: rebuilt, rows } = body(seq, text)?;
                 if rebuilt.unsigned > 0 {
-                    let first = (rebuilt.from_seq + 1).saturating_sub(rebuilt.unsigned);
+                    let first = rebuilt.from_seq.saturating_add(1).saturating_sub(rebuilt.unsigned);
                     self.taken_unsigned.push((first, rebuilt.from_seq));
                 }
                 rows

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use holdpoint_registry::{
-    BackupParts, Exporting, Layout, Store, Views, backup, check_store, export_store, store_info, verify,
-    verify_copy,
+    BackupParts, Exporting, JudgedBy, Layout, Place, Store, Views, backup, check_store, export_store,
+    store_info, verify, verify_against, verify_copy,
 };
 use rusqlite::Connection;
 
@@ -67,6 +67,19 @@ fn a_text_that_is_too_long_is_refused_with_its_table() {
             assert!(said.contains(LIMIT) && said.len() < 1000, "{edit}: {said:.1000}");
         }
     }
+}
+
+#[test]
+fn a_copy_with_a_text_that_is_too_long_is_named() {
+    let folder = quick_folder();
+    made(folder.path());
+    let (database, copy) = (folder.path().join("holdpoint.db"), folder.path().join("copy.db"));
+    fs::copy(&database, &copy).unwrap();
+    lengthen(&copy, "UPDATE meta SET value = $LONG WHERE key = 'signed_end'");
+    let against = [copy];
+    let judged = JudgedBy { key: None, against: &against, place: Place::Store, tell: &|_, _, _| {} };
+    let said = verify_against(&database, &judged).unwrap_err().to_string();
+    assert!(said.contains("copy.db") && said.contains("table meta") && said.contains(LIMIT), "{said}");
 }
 
 #[test]
