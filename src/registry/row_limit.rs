@@ -1,5 +1,8 @@
 //! The longest row that is read of a database. Whoever can write the file could else have every reader load what fits into
 //! it: SQLite's own limit is a thousand million bytes.
+//!
+//! The limit holds for what is taken out of a row. A search by the key of a table without row ids loads the rows that it passes
+//! whole, so that `meta`, which is read before anything was looked at, is read from its beginning (`+key`).
 
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode};

@@ -43,7 +43,7 @@ pub(crate) fn write(connection: &Connection, end: &Checkpoint) -> Result<(), Sto
 /// What is wrong with it.
 pub(crate) fn read(connection: &Connection) -> Result<Option<Checkpoint>, String> {
     let text: Option<String> = connection
-        .query_row("SELECT value FROM meta WHERE key = ?1", [KEY], |row| row.get(0))
+        .query_row("SELECT value FROM meta WHERE +key = ?1", [KEY], |row| row.get(0))
         .optional()
         .map_err(|error| row_limit::said_of("meta", &error))?;
     let read = |text: String| -> Result<Checkpoint, serde_json::Error> {

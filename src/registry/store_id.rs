@@ -40,7 +40,7 @@ pub(crate) fn check_key(store_id: &str, key: &VerifyingKey) -> Result<(), String
 
 /// The store's id, made with the store.
 pub(crate) fn read(connection: &Connection, database: &Path) -> Result<String, StoreError> {
-    connection.query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0)).map_err(
+    connection.query_row("SELECT value FROM meta WHERE +key = 'store_id'", [], |row| row.get(0)).map_err(
         |error| {
             not_the_chain(database, &format!("its id cannot be read: {}", row_limit::said_of("meta", &error)))
         },
