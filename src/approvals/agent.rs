@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 use ed25519_dalek::{Signature, VerifyingKey};
 use holdpoint_text::{Hint, Untrusted};
 
+use super::keyfile::public_of;
+
 /// Names the agent's socket.
 pub const SOCKET_VARIABLE: &str = "SSH_AUTH_SOCK";
 /// The longest message that is read, bytes; OpenSSH's agent sends no longer one.
@@ -281,7 +283,7 @@ fn blob_of(key: &VerifyingKey) -> Vec<u8> {
 
 fn ed25519_of(blob: &[u8]) -> Option<VerifyingKey> {
     let (head, key) = blob.split_at_checked(blob.len().checked_sub(32)?)?;
-    let key = VerifyingKey::from_bytes(key.try_into().ok()?).ok()?;
+    let key = public_of(key.try_into().ok()?)?;
     (blob_of(&key).starts_with(head) && blob_of(&key).len() == blob.len()).then_some(key)
 }
 

@@ -30,6 +30,8 @@ pub enum KeyError {
     NotAFile { path: PathBuf, found: &'static str },
     #[error("{path:?} is not a key: 64 hexadecimal digits are needed")]
     Malformed { path: PathBuf },
+    #[error("{path:?} is not a key: it has more than {FILE_BYTES_MAX} bytes, and so many are allowed")]
+    TooLarge { path: PathBuf },
     /// The system gave no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
@@ -139,7 +141,11 @@ impl Hint for KeyError {
             Self::Open { .. } => {
                 Some("leave the passphrase out, or set one: `holdpoint identity passphrase NAME`".into())
             }
-            Self::Sealed { .. } | Self::Io { .. } | Self::Malformed { .. } | Self::Random(_) => None,
+            Self::Sealed { .. }
+            | Self::Io { .. }
+            | Self::Malformed { .. }
+            | Self::TooLarge { .. }
+            | Self::Random(_) => None,
         }
     }
 }
@@ -289,14 +295,12 @@ pub(super) fn write_note(path: &Path, text: &str) -> Result<(), KeyError> {
 /// [`KeyError`].
 pub fn read_public(path: &Path) -> Result<(VerifyingKey, String), KeyError> {
     // Nobody is waited for: a pipe in the place of a key is none.
-    let file = OpenOptions::new()
-        .read(true)
-        .custom_flags(rustix::fs::OFlags::NONBLOCK.bits().cast_signed())
-        .open(path)
-        .map_err(io("read", path))?;
-    if !file.metadata().map_err(io("read", path))?.is_file() {
-        return Err(KeyError::Malformed { path: path.to_owned() });
-    }
+    let file = match holdpoint_text::file::open(path) {
+        Err(error) if error.kind() == ErrorKind::InvalidInput => {
+            return Err(KeyError::Malformed { path: path.to_owned() });
+        }
+        opened => opened.map_err(io("read", path))?,
+    };
     let text = read_text(path, file)?;
     let (key, note) = text.trim_end().split_once(' ').unwrap_or((text.trim_end(), ""));
     Ok((parse_public(key).ok_or_else(|| KeyError::Malformed { path: path.to_owned() })?, note.to_owned()))
@@ -305,7 +309,16 @@ pub fn read_public(path: &Path) -> Result<(VerifyingKey, String), KeyError> {
 /// A public key from 64 hexadecimal digits.
 #[must_use]
 pub fn parse_public(text: &str) -> Option<VerifyingKey> {
-    VerifyingKey::from_bytes(&unhex(text)?).ok()
+    public_of(&unhex(text)?)
+}
+
+/// A public key from its 32 bytes: of the full order, and in the one way in which it is written. A key of small order signs
+/// whatever one likes, and one with a part of small order is another key for some who check.
+#[must_use]
+pub(super) fn public_of(bytes: &[u8; 32]) -> Option<VerifyingKey> {
+    let key = VerifyingKey::from_bytes(bytes).ok()?;
+    let point = key.to_edwards();
+    (point.compress().as_bytes() == bytes && !key.is_weak() && point.is_torsion_free()).then_some(key)
 }
 
 #[must_use]
@@ -329,13 +342,16 @@ pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
     Some(bytes)
 }
 
+/// The largest key file, bytes.
+const FILE_BYTES_MAX: usize = 1024;
+
 /// Reads at most what a key file can hold.
 fn read_text(path: &Path, file: File) -> Result<Zeroizing<String>, KeyError> {
-    const LEN_MAX: u64 = 1024;
-    let mut text = Zeroizing::new(String::with_capacity(1024));
-    match file.take(LEN_MAX).read_to_string(&mut text) {
+    let mut text = Zeroizing::new(String::with_capacity(FILE_BYTES_MAX + 1));
+    match file.take(FILE_BYTES_MAX as u64 + 1).read_to_string(&mut text) {
+        Ok(_) if text.len() > FILE_BYTES_MAX => Err(KeyError::TooLarge { path: path.to_owned() }),
         Ok(_) => Ok(text),
-        Err(error) if error.kind() == std::io::ErrorKind::InvalidData => {
+        Err(error) if error.kind() == ErrorKind::InvalidData => {
             Err(KeyError::Malformed { path: path.to_owned() })
         }
         Err(error) => Err(io("read", path)(error)),
@@ -363,6 +379,69 @@ mod tests {
         let error = read_secret(&path("store.key")).unwrap_err();
         assert!(error.to_string().contains("mode 0640"), "{error}");
         assert!(!error.hint().unwrap().contains("new key"), "a store's own key cannot be made anew");
+    }
+
+    /// The points of small order, in every way in which they can be written.
+    const SMALL: [&str; 14] = [
+        "0100000000000000000000000000000000000000000000000000000000000000",
+        "0100000000000000000000000000000000000000000000000000000000000080",
+        "ecffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff7f",
+        "ecffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
+        "0000000000000000000000000000000000000000000000000000000000000000",
+        "0000000000000000000000000000000000000000000000000000000000000080",
+        "c7176a703d4dd84fba3c0b760d10670f2a2053fa2c39ccc64ec7fd7792ac037a",
+        "c7176a703d4dd84fba3c0b760d10670f2a2053fa2c39ccc64ec7fd7792ac03fa",
+        "26e8958fc2b227b045c3f489f2ef98f0d5dfac05d3c63339b13802886d53fc05",
+        "26e8958fc2b227b045c3f489f2ef98f0d5dfac05d3c63339b13802886d53fc85",
+        "edffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff7f",
+        "edffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
+        "eeffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff7f",
+        "eeffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
+    ];
+
+    #[test]
+    fn a_public_key_is_of_full_order_and_has_one_text() {
+        let good = generate().unwrap().verifying_key();
+        assert_eq!(parse_public(&hex(good.as_bytes())), Some(good));
+        for small in SMALL {
+            assert_eq!(parse_public(small), None, "{small}");
+            // The same key for who multiplies by eight, another for who does not.
+            let small = VerifyingKey::from_bytes(&unhex(small).unwrap()).unwrap().to_edwards();
+            let mixed = (good.to_edwards() + small).compress();
+            let is_good = mixed.as_bytes() == good.as_bytes();
+            assert_eq!(parse_public(&hex(mixed.as_bytes())).is_some(), is_good, "{mixed:?}");
+        }
+        // A point of full order with a coordinate that is not reduced.
+        for y in 3..19_u8 {
+            let (mut reduced, mut other) = ([0; 32], [0xff; 32]);
+            (reduced[0], other[0], other[31]) = (y, 0xed + y, 0x7f);
+            assert_eq!(public_of(&other), None, "{y}");
+            let both = [reduced, other].map(|bytes| VerifyingKey::from_bytes(&bytes).is_ok());
+            assert_eq!(both[0], both[1], "{y}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_larger_than_a_key_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let (secret, public) = (folder.path().join("store.key"), folder.path().join("store.pub"));
+        let key = generate().unwrap();
+        write_secret(&secret, &key).unwrap();
+        write_public(&public, &key.verifying_key(), "").unwrap();
+        for path in [&secret, &public] {
+            let text = fs::read_to_string(path).unwrap();
+            fs::write(path, text.clone() + &" ".repeat(FILE_BYTES_MAX - text.len())).unwrap();
+        }
+        assert_eq!(
+            (read_secret(&secret).unwrap(), read_public(&public).unwrap().0),
+            (key.clone(), key.verifying_key())
+        );
+        for path in [&secret, &public] {
+            OpenOptions::new().append(true).open(path).unwrap().write_all(b" ").unwrap();
+        }
+        for error in [read_secret(&secret).unwrap_err(), read_public(&public).unwrap_err()] {
+            assert!(error.to_string().contains("more than 1024 bytes"), "{error}");
+        }
     }
 
     #[test]

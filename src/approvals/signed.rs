@@ -17,6 +17,13 @@ use holdpoint_text::Hint;
 const DOMAIN: &str = "holdpoint/approval/v1";
 /// The longest reason, bytes.
 pub(super) const REASON_BYTES_MAX: usize = 4096;
+/// What a reason of an act may be.
+pub(super) const REASON_ALLOWED: &str = "1 to 4096 bytes that can be read";
+
+/// Whether a reason on record has a length that is allowed, and more in it than blanks and controls.
+pub(super) fn is_reason(text: &str) -> bool {
+    text.len() <= REASON_BYTES_MAX && text.chars().any(|ch| matches!(ch, '!'..='~' | '\u{a1}'..))
+}
 
 /// Whether a signature is by this key over these bytes, both in hexadecimal digits (strict ed25519: no malleable
 /// signature, no weak key).

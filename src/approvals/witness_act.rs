@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::identity::Identity;
 use super::keyfile::hex;
 use super::person::{PersonError, Persons};
-use super::signed::{ApprovalError, REASON_BYTES_MAX, holds};
+use super::signed::{ApprovalError, REASON_ALLOWED, holds, is_reason};
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::is_visible;
 
@@ -89,11 +89,24 @@ impl SignedWitnessAct {
         &self.act
     }
 
-    /// Whether an administrator who is enrolled signed this, of this witness and over this end of the chain.
+    /// Whether this may be done: the word holds, with a reason that can be read.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
-    pub fn check(
+    pub fn check(&self, persons: &Persons, of: (&str, bool), after: Digest) -> Result<(), PersonError> {
+        if is_visible(&self.act.reason) {
+            return self.judge(persons, of, after);
+        }
+        let (name, allowed) = (self.act.folder.clone(), REASON_ALLOWED);
+        Err(PersonError::Field { name, field: "reason", allowed })
+    }
+
+    /// Whether a word on record holds: an administrator who is enrolled signed it, of this witness and over this end of the
+    /// chain.
+    ///
+    /// # Errors
+    /// [`PersonError`], the first thing that is wrong.
+    pub fn judge(
         &self,
         persons: &Persons,
         (folder, present): (&str, bool),
@@ -101,9 +114,8 @@ impl SignedWitnessAct {
     ) -> Result<(), PersonError> {
         let act = &self.act;
         let name = || act.folder.clone();
-        if act.reason.len() > REASON_BYTES_MAX || !is_visible(&act.reason) {
-            let allowed = "1 to 4096 bytes that can be read";
-            return Err(PersonError::Field { name: name(), field: "reason", allowed });
+        if !is_reason(&act.reason) {
+            return Err(PersonError::Field { name: name(), field: "reason", allowed: REASON_ALLOWED });
         }
         if !holds(&self.public_key, &self.signature, act.digest().bytes()) {
             return Err(PersonError::Signature(act.by.clone()));

@@ -4,9 +4,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
-use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::approve::ApprovalOnRecord;
 use super::audit::{self, Head};
 use super::change::{
     AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, Receipt, TEXT_BYTES_MAX, Transaction,
@@ -20,7 +20,6 @@ use super::rows::{RowName, row_digest, rows_of};
 use super::witness::{self, WITNESSES_MAX};
 use holdpoint_approvals::PersonActKind;
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
@@ -525,35 +524,8 @@ impl Applier<'_> {
 
 /// What the chain says of a change: everything but long texts, which its rows' digests vouch for.
 fn summary(change: &Change) -> Result<Value, StoreError> {
-    #[derive(Serialize)]
-    struct ApprovalSummary<'a> {
-        change: &'static str,
-        who: &'a str,
-        role: &'a str,
-        decision: Answer,
-        reason: &'a str,
-        row_version: u64,
-        evidence_digest: Digest,
-        policy_digest: Digest,
-        profile: ProfileName,
-        not_after_ms: u64,
-        nonce: &'a str,
-    }
     let value = if let Change::PutApproval(signed) = change {
-        let approval = signed.approval();
-        serde_json::to_value(ApprovalSummary {
-            change: "put-approval",
-            who: &approval.who,
-            role: approval.role.name(),
-            decision: approval.decision,
-            reason: &approval.reason,
-            row_version: approval.row_version,
-            evidence_digest: approval.evidence_digest,
-            policy_digest: approval.policy_digest,
-            profile: approval.profile,
-            not_after_ms: approval.not_after_ms,
-            nonce: approval.nonce.as_str(),
-        })
+        serde_json::to_value(ApprovalOnRecord::of(signed.approval()))
     } else {
         serde_json::to_value(change)
     };

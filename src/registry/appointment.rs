@@ -135,7 +135,7 @@ pub(crate) fn check_witness_acts(
         let was_enrolled =
             span.is_ok_and(|(since, until)| since < seq && until.is_none_or(|until| seq < until));
         let then = |person: &Person| person.name != by || was_enrolled;
-        let checked = act.check(&persons.at_a_time(then), (&folder, present), Digest::from_bytes(prev));
+        let checked = act.judge(&persons.at_a_time(then), (&folder, present), Digest::from_bytes(prev));
         if let Err(error) = checked {
             return Ok(Err((by, format!("in record {seq}: {error}"))));
         }

@@ -1,14 +1,67 @@
 //! Changes about approvals: requests, signed decisions, and the one use of each.
 
 use rusqlite::params;
+use serde::{Deserialize, Serialize};
 
 use super::apply::{Applier, Touched, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
-use holdpoint_approvals::{Person, PersonState, SignedApproval};
-use holdpoint_governance::approval::Answer;
+use holdpoint_approvals::{Approval, Nonce, Person, PersonState, SignedApproval};
+use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
+
+/// An approval as its record tells it; what it was signed with is in its row.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ApprovalOnRecord {
+    change: String,
+    who: String,
+    role: Role,
+    decision: Answer,
+    reason: String,
+    row_version: u64,
+    evidence_digest: Digest,
+    policy_digest: Digest,
+    profile: ProfileName,
+    not_after_ms: u64,
+    nonce: Nonce,
+}
+
+impl ApprovalOnRecord {
+    pub(crate) fn of(approval: &Approval) -> Self {
+        Self {
+            change: "put-approval".to_owned(),
+            who: approval.who.clone(),
+            role: approval.role,
+            decision: approval.decision,
+            reason: approval.reason.clone(),
+            row_version: approval.row_version,
+            evidence_digest: approval.evidence_digest,
+            policy_digest: approval.policy_digest,
+            profile: approval.profile,
+            not_after_ms: approval.not_after_ms,
+            nonce: approval.nonce.clone(),
+        }
+    }
+
+    pub(crate) fn change(&self) -> &str {
+        &self.change
+    }
+
+    pub(crate) fn who(&self) -> &str {
+        &self.who
+    }
+
+    pub(crate) const fn role(&self) -> Role {
+        self.role
+    }
+
+    pub(crate) const fn nonce(&self) -> &Nonce {
+        &self.nonce
+    }
+}
 
 /// An approval as its row has it.
 pub(super) struct ApprovalRow<'a> {

@@ -4,12 +4,15 @@
 //! that equal runs give equal chains. Whether a chain is sound is for [`verify`](super::verify()).
 
 use std::borrow::Cow;
-use std::io::{ErrorKind, Write};
+use std::io::{self, ErrorKind, Write};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
+use serde::Serialize;
+use serde_json::ser::Formatter;
 
 use super::error::StoreError;
 use super::merkle::Frontier;
+use super::row_limit::said;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::words::Word;
@@ -144,7 +147,7 @@ pub(crate) fn for_each<E: From<rusqlite::Error>>(
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The chain cannot be read.
-    #[error("the audit chain cannot be read: {0}")]
+    #[error("the audit chain cannot be read: {}", said(.0))]
     Read(#[from] rusqlite::Error),
     /// The output cannot be written.
     #[error("the audit chain cannot be written out: {0}")]
@@ -179,7 +182,7 @@ pub(crate) fn export(
 ) -> Result<u64, ExportError> {
     let mut written = 0;
     let ended = for_each(connection, from_seq, |record| {
-        let line = ascii_json(&serde_json::to_string(&record)?);
+        let line = ascii_json(&record)?;
         out.write_all(line.as_bytes())?;
         out.write_all(b"\n")?;
         written += 1;
@@ -193,19 +196,33 @@ pub(crate) fn export(
     }
 }
 
-/// JSON text with everything but printable ASCII as `\u` escapes; the same value.
-pub(crate) fn ascii_json(json: &str) -> String {
-    let mut text = String::with_capacity(json.len());
-    for character in json.chars() {
-        if matches!(character, ' '..='~') {
-            text.push(character);
-        } else {
-            for unit in character.encode_utf16(&mut [0; 2]) {
-                text.push_str(&format!("\\u{unit:04x}"));
+/// Writes a value as JSON with everything but printable ASCII as `\u` escapes.
+pub(crate) fn write_ascii_json(out: impl Write, value: &impl Serialize) -> serde_json::Result<()> {
+    value.serialize(&mut serde_json::Serializer::with_formatter(out, Ascii))
+}
+
+/// As [`write_ascii_json`], as a text.
+pub(crate) fn ascii_json(value: &impl Serialize) -> serde_json::Result<String> {
+    let mut text = Vec::new();
+    write_ascii_json(&mut text, value)?;
+    String::from_utf8(text).map_err(serde::ser::Error::custom)
+}
+
+struct Ascii;
+
+impl Formatter for Ascii {
+    fn write_string_fragment<W: ?Sized + Write>(&mut self, out: &mut W, fragment: &str) -> io::Result<()> {
+        let is_plain = |character: char| matches!(character, ' '..='~');
+        for piece in fragment.split_inclusive(|character| !is_plain(character)) {
+            let last = piece.chars().next_back().filter(|character| !is_plain(*character));
+            let plain = piece.len() - last.map_or(0, char::len_utf8);
+            out.write_all(&piece.as_bytes()[..plain])?;
+            for unit in last.iter().flat_map(|last| last.encode_utf16(&mut [0; 2]).to_vec()) {
+                write!(out, "\\u{unit:04x}")?;
             }
         }
+        Ok(())
     }
-    text
 }
 
 #[cfg(test)]
@@ -215,7 +232,7 @@ mod tests {
     #[test]
     fn escapes_keep_the_value() {
         for value in ["plain", "\u{9b}31m", "\u{202e}evil", "é", "😀", "\u{7f}", "\u{1b}[2J"] {
-            let text = ascii_json(&serde_json::to_string(value).unwrap());
+            let text = ascii_json(&value).unwrap();
             assert!(text.bytes().all(|b| (b' '..=b'~').contains(&b)), "{text}");
             assert_eq!(serde_json::from_str::<String>(&text).unwrap(), value);
         }

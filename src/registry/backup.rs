@@ -5,8 +5,9 @@
 //! copied as far as they are what was recorded; what is left out is told.
 
 use std::collections::BTreeSet;
-use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io::{ErrorKind, Read, Write};
+use std::ffi::OsString;
+use std::fs::{self, DirBuilder, File, FileType, OpenOptions};
+use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Component, Path, PathBuf};
 
@@ -63,6 +64,8 @@ pub struct LeftOut {
 
 /// The most files of one folder that are copied.
 const FILES_MAX: usize = 100_000;
+/// The largest file of the folders of keys and of profiles, bytes: what those hold is smaller.
+const FILE_BYTES_MAX: u64 = 64 * 1024;
 /// Folders below each other that are copied.
 const DEPTH_MAX: usize = 4;
 /// The database of a copy that is nothing else, while it is made.
@@ -205,6 +208,11 @@ fn copy_folder(
     scenes: &mut Scenes,
 ) -> Result<PathBuf, StoreError> {
     let copy = Layout::new(part);
+    let secret = |path: &Path| path.extension().is_none_or(|ending| ending != "pub");
+    let wanted_key = |path: &Path| parts.keys || !secret(path);
+    // Before the database, which takes its time.
+    check_tree(&layout.keys(), DEPTH_MAX, &wanted_key)?;
+    check_tree(&layout.profiles(), DEPTH_MAX, &|_| true)?;
     for folder in [part.to_owned(), copy.keys(), copy.identities(), copy.checkpoints()] {
         make_folder(&folder)?;
     }
@@ -224,8 +232,7 @@ fn copy_folder(
     if layout.telemetry().is_file() {
         copy_into(&layout.telemetry(), &TELEMETRY, &copy.telemetry())?;
     }
-    let secret = |path: &Path| path.extension().is_none_or(|ending| ending != "pub");
-    copy_tree(&layout.keys(), &copy.keys(), DEPTH_MAX, &|path| parts.keys || !secret(path))?;
+    copy_tree(&layout.keys(), &copy.keys(), DEPTH_MAX, &wanted_key)?;
     copy_tree(&layout.profiles(), &copy.profiles(), DEPTH_MAX, &|_| true)?;
     if let Some(recordings_of) = parts.recordings {
         let on_record = recordings_of(&Views::open(&copy.database())?)?;
@@ -326,8 +333,15 @@ fn make_folder(path: &Path) -> Result<(), StoreError> {
         .map_err(StoreError::io("make the folder", path))
 }
 
-/// Copies the files of a folder that are wanted, and those of the folders in it; links are left out.
-fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: &dyn Fn(&Path) -> bool) -> Result<(), StoreError> {
+/// What of a store's folder is looked at: files that are wanted, and folders.
+type Wanted<'a> = &'a dyn Fn(&Path) -> bool;
+
+/// The files of a folder that are wanted, and the folders in it; links are left out. `None` if there is no such folder.
+fn listed(
+    from: &Path,
+    depth: usize,
+    wanted: Wanted<'_>,
+) -> Result<Option<Vec<(OsString, FileType)>>, StoreError> {
     match fs::symlink_metadata(from) {
         Ok(found) if found.is_dir() && depth > 0 => {}
         // What a link leads to is no part of the store, or a part that is copied only when that was asked for.
@@ -338,21 +352,54 @@ fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: &dyn Fn(&Path) -> boo
                 "a folder of the store itself, and no link",
             ));
         }
-        Ok(_) => return Ok(()),
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Ok(_) => return Ok(None),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(StoreError::io("read", from)(error)),
     }
-    make_folder(to)?;
+    let mut found = Vec::new();
     for (nth, entry) in fs::read_dir(from).map_err(StoreError::io("list", from))?.enumerate() {
         let entry = entry.map_err(StoreError::io("list", from))?;
         if nth >= FILES_MAX {
             return Err(StoreError::invalid("folder", from.display(), format!("at most {FILES_MAX} files")));
         }
-        let (path, copy) = (entry.path(), to.join(entry.file_name()));
-        let kind = entry.file_type().map_err(StoreError::io("read", &path))?;
+        let kind = entry.file_type().map_err(StoreError::io("read", &entry.path()))?;
+        if kind.is_dir() || (kind.is_file() && wanted(&entry.path())) {
+            found.push((entry.file_name(), kind));
+        }
+    }
+    Ok(Some(found))
+}
+
+/// Refuses a folder in which a file that is wanted is larger than it may be.
+fn check_tree(from: &Path, depth: usize, wanted: Wanted<'_>) -> Result<(), StoreError> {
+    for (name, kind) in listed(from, depth, wanted)?.into_iter().flatten() {
+        let path = from.join(name);
+        if kind.is_dir() {
+            check_tree(&path, depth - 1, wanted)?;
+            continue;
+        }
+        check_size(&path, fs::symlink_metadata(&path).map_err(StoreError::io("read", &path))?.len())?;
+    }
+    Ok(())
+}
+
+fn check_size(path: &Path, bytes: u64) -> Result<(), StoreError> {
+    if bytes <= FILE_BYTES_MAX {
+        return Ok(());
+    }
+    let allowed = format!("it has {bytes} bytes, and a key or a profile has at most {FILE_BYTES_MAX}");
+    Err(StoreError::invalid("file", path.display(), allowed))
+}
+
+/// Copies the files of a folder that are wanted, and those of the folders in it.
+fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: Wanted<'_>) -> Result<(), StoreError> {
+    let Some(found) = listed(from, depth, wanted)? else { return Ok(()) };
+    make_folder(to)?;
+    for (name, kind) in found {
+        let (path, copy) = (from.join(&name), to.join(&name));
         if kind.is_dir() {
             copy_tree(&path, &copy, depth - 1, wanted)?;
-        } else if kind.is_file() && wanted(&path) {
+        } else {
             copy_file(&path, &copy)?;
         }
     }
@@ -361,9 +408,16 @@ fn copy_tree(from: &Path, to: &Path, depth: usize, wanted: &dyn Fn(&Path) -> boo
 
 /// Copies a file with its permissions, of which the copy has those of its owner.
 fn copy_file(from: &Path, to: &Path) -> Result<(), StoreError> {
-    fs::copy(from, to).map_err(StoreError::io("copy", from))?;
-    let mode = fs::metadata(from).map_err(StoreError::io("read", from))?.permissions().mode() & 0o700;
-    fs::set_permissions(to, fs::Permissions::from_mode(mode)).map_err(StoreError::io("write", to))
+    let file = OpenOptions::new().read(true).custom_flags(NO_LINK).open(from).and_then(regular);
+    let file = file.map_err(StoreError::io("read", from))?;
+    let mode = file.metadata().map_err(StoreError::io("read", from))?.permissions().mode() & 0o700;
+    let into = OpenOptions::new().write(true).create_new(true).mode(0o600).open(to);
+    let mut into = into.map_err(StoreError::io("write", to))?;
+    // It may have grown since it was looked at.
+    let copied =
+        io::copy(&mut file.take(FILE_BYTES_MAX + 1), &mut into).map_err(StoreError::io("copy", from))?;
+    check_size(from, copied)?;
+    into.set_permissions(fs::Permissions::from_mode(mode)).map_err(StoreError::io("write", to))
 }
 
 fn sync(path: &Path) -> Result<(), StoreError> {

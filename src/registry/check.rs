@@ -20,6 +20,7 @@ use super::open::{
 };
 use super::people;
 use super::replay::columns_otherwise;
+use super::row_limit::{first_too_long, is_reached, said};
 use super::rows::ChainedTable;
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
@@ -45,6 +46,7 @@ pub(crate) fn check_existing(
 ) -> Result<Fold, StoreError> {
     let database = layout.database();
     let connection = open_reader(&database, &STORE)?;
+    check_lengths(&connection, &database)?;
     let store_id = store_id::read(&connection, &database)?;
     let known = snapshot::read(&layout.checkpoints(), &connection, &store_id, key);
     let fold = checked_chain(&connection, &database, known, watch)?;
@@ -90,6 +92,7 @@ pub(crate) fn open_checked(database: &Path, reading: Reading) -> Result<Connecti
     let begin = |sql| connection.execute_batch(sql).map_err(StoreError::sql("read the registry"));
     // One moment of the store: an engine may be writing to it.
     begin("BEGIN")?;
+    check_lengths(&connection, database)?;
     let store_id = store_id::read(&connection, database)?;
     let layout = Layout::new(database.parent().unwrap_or(Path::new(".")));
     let key = keyfile::read_public(&layout.store_public_key()).ok();
@@ -112,6 +115,12 @@ pub(crate) fn open_checked(database: &Path, reading: Reading) -> Result<Connecti
     }
     begin("COMMIT")?;
     Ok(connection)
+}
+
+/// No row beside the chain is longer than it may be.
+fn check_lengths(connection: &Connection, database: &Path) -> Result<(), StoreError> {
+    let found = first_too_long(connection).map_err(StoreError::sql("read the registry"))?;
+    found.map_or(Ok(()), |problem| Err(not_the_chain(database, &problem)))
 }
 
 /// The chain, whole or from a snapshot on, and its end.
@@ -143,11 +152,9 @@ pub(crate) fn refused_chain(
         FoldError::Fault(fault @ ChainFault::Row { .. }) => not_the_chain(database, &fault.to_string()),
         FoldError::Fault(fault @ ChainFault::Record { .. }) => damaged(database, &fault.to_string()),
         FoldError::Read { seq, source } => {
-            let problem = quick_check(connection).err();
-            damaged(
-                database,
-                &problem.unwrap_or_else(|| format!("audit record {seq} cannot be read: {source}")),
-            )
+            let problem = if is_reached(&source) { None } else { quick_check(connection).err() };
+            let unreadable = || format!("audit record {seq} cannot be read: {}", said(&source));
+            damaged(database, &problem.unwrap_or_else(unreadable))
         }
     }
 }
@@ -159,7 +166,8 @@ pub(crate) fn check_tables(
     database: &Path,
     store_id: &str,
 ) -> Result<(), StoreError> {
-    let unreadable = |error: rusqlite::Error| not_the_chain(database, &format!("it cannot be read: {error}"));
+    let unreadable =
+        |error: rusqlite::Error| not_the_chain(database, &format!("it cannot be read: {}", said(&error)));
     if let Some(fault) = compare(fold, connection).map_err(unreadable)? {
         return Err(not_the_chain(database, &described(fold, connection, &fault)));
     }

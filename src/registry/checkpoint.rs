@@ -16,6 +16,7 @@ use super::error::StoreError;
 use super::layout::write_atomically;
 use holdpoint_approvals::keyfile::{hex, unhex};
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::file::read_text;
 
 /// Domain tag of a checkpoint's signature.
 const DOMAIN: &str = "holdpoint/checkpoint/v1";
@@ -63,7 +64,7 @@ impl Link {
     #[must_use]
     pub fn after(newest: Option<&Checkpoint>) -> Self {
         Self {
-            number: newest.map_or(0, Checkpoint::number) + 1,
+            number: newest.map_or(0, Checkpoint::number).saturating_add(1),
             previous: newest.map_or(NONE_BEFORE, Checkpoint::digest),
             gap: false,
             earlier: newest.and_then(|newest| newest.link.as_ref()).map_or(0, |link| link.earlier),
@@ -168,13 +169,15 @@ impl Checkpoint {
         if self.root.is_none() && before.is_some_and(|before| before.root.is_some()) {
             return Err("it has no tree head, although the one before has".to_owned());
         }
+        // Nothing follows from the last number there is.
+        let last = before.is_some_and(|before| before.number() == u64::MAX);
         match &self.link {
             None => match before {
                 Some(before) if before.link.is_some() => Err("it follows from no other".to_owned()),
                 Some(_) | None => Ok(()),
             },
-            Some(link) if link.gap || link.is_at(&Link::after(before)) => Ok(()),
-            Some(link) if link.number > before.map_or(0, Self::number) + 1 => {
+            Some(link) if link.gap || (!last && link.is_at(&Link::after(before))) => Ok(()),
+            Some(link) if link.number.saturating_sub(1) > before.map_or(0, Self::number) => {
                 Err(format!("checkpoint number {}, which was before it, is missing", link.number - 1))
             }
             Some(link) => {
@@ -213,7 +216,7 @@ impl Checkpoint {
         if !found.is_file() || found.len() > FILE_BYTES_MAX {
             return Err(format!("it is not a file of at most {FILE_BYTES_MAX} bytes"));
         }
-        let text = fs::read_to_string(path).map_err(|error| error.to_string())?;
+        let text = read_text(path, FILE_BYTES_MAX).map_err(|error| error.to_string())?;
         serde_json::from_str(&text).map_err(|error| error.to_string())
     }
 }

@@ -4,18 +4,20 @@
 //! A copy is a checkpoint's file, a file of `store export` or `audit proof`, a database, or a folder: of checkpoints, of
 //! a whole store, or of a witness. Each head in it has to be signed by the store, and to be a beginning of its chain.
 
-use std::fs::{self, File};
-use std::io::{BufRead, BufReader, Read};
+use std::fs;
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 use ed25519_dalek::VerifyingKey;
-use rusqlite::{Connection, OpenFlags};
 
 use super::checkpoint::{BadFile, Checkpoint, FILE_BYTES_MAX, names};
-use super::exported::{ExportLine, LINE_BYTES_MAX};
+use super::export_line::{ExportLine, next_line};
+use super::open::open_sound;
 use super::proof::Proof;
+use super::row_limit;
 use super::signed;
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::file;
 
 /// The most heads that are read from one folder or file; the newest count.
 pub(crate) const HEADS_MAX: usize = 10_000;
@@ -99,10 +101,7 @@ fn read_one(path: &Path) -> Result<HeldCopy, BadFile> {
 /// The signed end of a database.
 fn read_database(path: &Path) -> Result<Option<HeldCopy>, BadFile> {
     let file = path.display().to_string();
-    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    let end = Connection::open_with_flags(path, flags)
-        .map_err(|error| error.to_string())
-        .and_then(|connection| signed::read(&connection));
+    let end = open_sound(path).map_err(|error| row_limit::said(&error)).and_then(|it| signed::read(&it));
     match end {
         Ok(end) => Ok(end.map(|checkpoint| HeldCopy { file, checkpoint })),
         Err(problem) => Err(BadFile { file, problem }),
@@ -112,8 +111,8 @@ fn read_database(path: &Path) -> Result<Option<HeldCopy>, BadFile> {
 fn read_file(path: &Path) -> Result<Vec<HeldCopy>, BadFile> {
     let bad = |problem: String| BadFile { file: path.display().to_string(), problem };
     let mut start = [0; 16];
-    let mut file = File::open(path).map_err(|error| bad(error.to_string()))?;
-    if file.read_exact(&mut start).is_ok() && &start == b"SQLite format 3\0" {
+    let mut start_of = file::open(path).map_err(|error| bad(error.to_string()))?;
+    if start_of.read_exact(&mut start).is_ok() && &start == b"SQLite format 3\0" {
         return read_database(path).map(|copy| copy.into_iter().collect());
     }
     if fs::metadata(path).is_ok_and(|found| found.len() <= FILE_BYTES_MAX)
@@ -132,22 +131,16 @@ fn read_file(path: &Path) -> Result<Vec<HeldCopy>, BadFile> {
 fn read_lines(path: &Path) -> Result<Vec<HeldCopy>, BadFile> {
     let named = |number: usize| format!("{}:{number}", path.display());
     let bad = |number: usize, problem: String| BadFile { file: named(number), problem };
-    let mut reader = BufReader::new(File::open(path).map_err(|error| bad(1, error.to_string()))?);
+    let mut reader = BufReader::new(file::open(path).map_err(|error| bad(1, error.to_string()))?);
     let mut copies = std::collections::VecDeque::new();
     for number in 1.. {
-        let mut line = Vec::new();
-        let read = (&mut reader).take(LINE_BYTES_MAX + 1).read_until(b'\n', &mut line);
-        if read.map_err(|error| bad(number, error.to_string()))? == 0 {
-            break;
-        }
-        if line.len() as u64 > LINE_BYTES_MAX {
-            return Err(bad(number, format!("a line has at most {LINE_BYTES_MAX} bytes")));
-        }
+        let line = next_line(&mut reader).map_err(|problem| bad(number, problem))?;
+        let Some(line) = line else { break };
         // Most lines are records; only those of heads are read as a whole.
         if !line.starts_with(b"{\"head\":") && !line.starts_with(b"{\"end\":") && number > 1 {
             continue;
         }
-        match serde_json::from_slice::<ExportLine>(&line) {
+        match ExportLine::parse(&line) {
             Ok(ExportLine::Head(checkpoint) | ExportLine::End(checkpoint)) => {
                 copies.push_back(HeldCopy { file: named(number), checkpoint });
                 if copies.len() > HEADS_MAX {
@@ -159,7 +152,7 @@ fn read_lines(path: &Path) -> Result<Vec<HeldCopy>, BadFile> {
                 let problem = "it is no checkpoint, proof, database or exported store";
                 return Err(BadFile { file: path.display().to_string(), problem: problem.to_owned() });
             }
-            Err(error) => return Err(bad(number, error.to_string())),
+            Err(problem) => return Err(bad(number, problem)),
         }
     }
     Ok(copies.into())

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use super::row_limit::ROW_BYTES_MAX;
 use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_text::Hint;
@@ -35,6 +36,11 @@ pub enum StoreError {
     /// The disk is full. The transaction was undone.
     #[error("the disk is full: the store could not {what}; nothing was changed")]
     DiskFull { what: &'static str },
+    /// A row is longer than any that this program writes.
+    #[error(
+        "the store could not {what}: its database has a row of more than {ROW_BYTES_MAX} bytes, and so many are read"
+    )]
+    RowTooLong { what: &'static str },
     /// No such version, request, approval or family.
     #[error("there is no {what} {name:?} in the store")]
     NotFound {
@@ -127,6 +133,7 @@ impl Hint for StoreError {
             ),
             Self::Io { .. }
             | Self::Sqlite { .. }
+            | Self::RowTooLong { .. }
             | Self::NotFound { .. }
             | Self::Exists { .. }
             | Self::Person { .. }
@@ -150,6 +157,7 @@ impl StoreError {
     pub(crate) fn sql(what: &'static str) -> impl Fn(rusqlite::Error) -> Self {
         move |source| match source.sqlite_error_code() {
             Some(rusqlite::ErrorCode::DiskFull) => Self::DiskFull { what },
+            Some(rusqlite::ErrorCode::TooBig) => Self::RowTooLong { what },
             _ => Self::Sqlite { what, source },
         }
     }

@@ -238,7 +238,10 @@ impl Fold {
         let mut select = connection.prepare_cached(&sql).map_err(unreadable)?;
         let mut rows = select.query([first]).map_err(unreadable)?;
         let mut read = || -> Result<(), FoldError> {
-            while let Some(row) = rows.next().map_err(unreadable)? {
+            loop {
+                let seq = self.end.seq + 1;
+                let unreadable = |source| FoldError::Read { seq, source };
+                let Some(row) = rows.next().map_err(unreadable)? else { break };
                 self.push(&borrowed(row).map_err(unreadable)?).map_err(FoldError::Fault)?;
                 if self.end.seq.is_multiple_of(REPORT_EVERY) {
                     watch(self.end.seq);
@@ -507,7 +510,7 @@ impl Fold {
             RecordKind::StoreRebuilt => {
                 let RecordBody::<StoreRebuilt> { change: rebuilt, rows } = body(seq, text)?;
                 if rebuilt.unsigned > 0 {
-                    let first = (rebuilt.from_seq + 1).saturating_sub(rebuilt.unsigned);
+                    let first = rebuilt.from_seq.saturating_add(1).saturating_sub(rebuilt.unsigned);
                     self.taken_unsigned.push((first, rebuilt.from_seq));
                 }
                 rows

@@ -16,6 +16,7 @@ use rusqlite::{Connection, OpenFlags};
 use super::error::StoreError;
 use super::layout::sync_folder;
 use super::migrate::{Schema, migrate};
+use super::row_limit;
 use holdpoint_text::file::kind_of;
 
 /// The oldest SQLite without the WAL-reset bug.
@@ -165,12 +166,12 @@ fn check_library() -> Result<(), StoreError> {
 }
 
 fn open_read_only(path: &Path) -> Result<Connection, StoreError> {
-    let connection = read_only(path).map_err(|error| damaged(path, &error.to_string()))?;
+    let connection = read_only(path).map_err(|error| damaged(path, &row_limit::said(&error)))?;
     configure(&connection)?;
     Ok(connection)
 }
 
-/// Opens a database whose header was looked at, for reading only, with SQLite's own error.
+/// Opens a database for reading only, with SQLite's own error; whoever calls it has looked at its header.
 pub(crate) fn open_sound(path: &Path) -> rusqlite::Result<Connection> {
     let connection = read_only(path)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
@@ -184,6 +185,7 @@ fn read_only(path: &Path) -> rusqlite::Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let open = |connection: rusqlite::Result<Connection>| -> rusqlite::Result<Connection> {
         let connection = connection?;
+        row_limit::set(&connection)?;
         connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get::<_, i64>(0))?;
         Ok(connection)
     };
@@ -201,6 +203,7 @@ fn read_only(path: &Path) -> rusqlite::Result<Connection> {
 
 /// What every connection has, whatever it is for.
 fn configure(connection: &Connection) -> Result<(), StoreError> {
+    row_limit::set(connection).map_err(StoreError::sql("set up its database"))?;
     for (config, value) in [
         (DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true),
         (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
@@ -401,7 +404,7 @@ pub(crate) fn quick_check(connection: &Connection) -> Result<(), String> {
     match answer {
         Ok(answer) if answer == "ok" => Ok(()),
         Ok(answer) => Err(format!("it is damaged: {answer}")),
-        Err(error) => Err(format!("it is damaged: {error}")),
+        Err(error) => Err(format!("it is damaged: {}", row_limit::said(&error))),
     }
 }
 

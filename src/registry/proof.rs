@@ -4,8 +4,6 @@
 //! alone. See [`merkle`](super::merkle) for the tree.
 
 use std::borrow::Cow;
-use std::fs;
-use std::io::Read;
 use std::path::Path;
 
 use ed25519_dalek::VerifyingKey;
@@ -24,6 +22,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::words::Word;
 use holdpoint_text::Hint;
+use holdpoint_text::file::read_text;
 
 /// The version of the form.
 const VERSION: u32 = 1;
@@ -247,14 +246,7 @@ impl Proof {
     /// [`ProofError::NoProof`].
     pub fn read(path: &Path) -> Result<Self, ProofError> {
         let no_proof = |problem: &str| ProofError::NoProof(format!("{path:?} is no proof: {problem}"));
-        let found = fs::metadata(path).map_err(|error| no_proof(&error.to_string()))?;
-        if !found.is_file() || found.len() > BYTES_MAX {
-            return Err(no_proof(&format!("a file of at most {BYTES_MAX} bytes is needed")));
-        }
-        let mut text = String::new();
-        fs::File::open(path)
-            .and_then(|file| file.take(BYTES_MAX).read_to_string(&mut text))
-            .map_err(|error| no_proof(&error.to_string()))?;
+        let text = read_text(path, BYTES_MAX).map_err(|error| no_proof(&error.to_string()))?;
         let line = text.strip_suffix('\n').ok_or_else(|| no_proof("it does not end with a line feed"))?;
         Self::parse(line).map_err(|problem| no_proof(&problem))
     }
@@ -276,7 +268,7 @@ impl Proof {
     /// # Errors
     /// If it has no JSON form.
     pub fn text(&self) -> Result<String, serde_json::Error> {
-        Ok(audit::ascii_json(&serde_json::to_string(self)?))
+        audit::ascii_json(self)
     }
 
     /// The signed heads in it.

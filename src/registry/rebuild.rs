@@ -163,7 +163,7 @@ fn would_take(database: &Path, damaged_store: &Connection, end: Head, unsigned: 
 }
 
 fn has_id(connection: &Connection, store_id: &str) -> bool {
-    text_of(connection, "SELECT value FROM meta WHERE key = ?1", "store_id").as_deref() == Some(store_id)
+    text_of(connection, "SELECT value FROM meta WHERE +key = ?1", "store_id").as_deref() == Some(store_id)
 }
 
 /// What the record of a rebuild says beside what was rebuilt.

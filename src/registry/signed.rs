@@ -10,6 +10,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 use super::checkpoint::{Checkpoint, Kept, check_links, check_newest};
 use super::error::StoreError;
 use super::fold::Fold;
+use super::row_limit;
 
 /// Its key in `meta`.
 pub(crate) const KEY: &str = "signed_end";
@@ -42,9 +43,9 @@ pub(crate) fn write(connection: &Connection, end: &Checkpoint) -> Result<(), Sto
 /// What is wrong with it.
 pub(crate) fn read(connection: &Connection) -> Result<Option<Checkpoint>, String> {
     let text: Option<String> = connection
-        .query_row("SELECT value FROM meta WHERE key = ?1", [KEY], |row| row.get(0))
+        .query_row("SELECT value FROM meta WHERE +key = ?1", [KEY], |row| row.get(0))
         .optional()
-        .map_err(|error| error.to_string())?;
+        .map_err(|error| row_limit::said_of("meta", &error))?;
     let read = |text: String| -> Result<Checkpoint, serde_json::Error> {
         let end: Checkpoint = serde_json::from_str(&text)?;
         if serde_json::to_string(&end)? == text {

@@ -5,13 +5,15 @@
 //! receipts before a snapshot are not read at a start; `audit verify` and a rebuild read them always.
 
 use std::collections::BTreeSet;
-use std::fs;
-use std::io::Read;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Read, Seek as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
 use ed25519_dalek::VerifyingKey;
 use rusqlite::{Connection, OptionalExtension};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
 
 use super::audit::Head;
 use super::checkpoint::{self, Checkpoint};
@@ -23,6 +25,7 @@ use super::rows::ChainedTable;
 use super::seals::TelemetryAccount;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_text::file::{NO_LINK, regular};
 
 /// Domain tag of a snapshot's digest.
 const DOMAIN: &str = "holdpoint/fold-snapshot/v2";
@@ -30,6 +33,8 @@ const DOMAIN: &str = "holdpoint/fold-snapshot/v2";
 pub(crate) const EVERY_RECORDS: u64 = 32_768;
 /// The largest snapshot that is written or read, bytes.
 const BYTES_MAX: u64 = 512 << 20;
+/// Bytes of a snapshot that are looked at together.
+const PIECE_BYTES: usize = 1 << 16;
 /// The ending of a snapshot's name.
 const ENDING: &str = "fold";
 
@@ -95,10 +100,8 @@ pub(crate) fn read(
     let seq: u64 = name.strip_suffix(ENDING)?.strip_suffix('.')?.parse().ok()?;
     let checkpoint = Checkpoint::read(&folder.join(checkpoint::name(seq))).ok()?;
     let bound = checkpoint.store_id == store_id && checkpoint.seq == seq && checkpoint.is_signed_by(key);
-    let bytes = bounded(&folder.join(name))?;
-    if !bound || checkpoint.fold != Some(Digest::of_parts(DOMAIN, &[&bytes])) {
-        return None;
-    }
+    let signed = checkpoint.fold.filter(|_| bound)?;
+    let bytes = with_digest(&folder.join(name), signed)?;
     let file: File = serde_json::from_slice(&bytes).ok()?;
     let end = Head { seq: file.seq, hash: file.hash, at_ms: file.at_ms };
     let there: Option<[u8; 32]> = connection
@@ -119,14 +122,32 @@ pub(crate) fn read(
     Some(Fold::from_parts(end, rows, states, file.order, (file.telemetry, file.tree, file.witnesses)))
 }
 
-/// A file's bytes, if there are not too many.
-fn bounded(path: &Path) -> Option<Vec<u8>> {
-    if !fs::symlink_metadata(path).ok()?.is_file() {
+/// A file's bytes, if they are those that were signed: they are looked at piece by piece before as many are loaded.
+fn with_digest(path: &Path, signed: Digest) -> Option<Vec<u8>> {
+    let mut file = OpenOptions::new().read(true).custom_flags(NO_LINK).open(path).and_then(regular).ok()?;
+    let length = file.metadata().ok()?.len();
+    if length > BYTES_MAX || digest_of(&mut file, length).ok()? != signed {
         return None;
     }
+    file.rewind().ok()?;
     let mut bytes = Vec::new();
-    fs::File::open(path).ok()?.take(BYTES_MAX + 1).read_to_end(&mut bytes).ok()?;
-    (bytes.len() as u64 <= BYTES_MAX).then_some(bytes)
+    file.take(length).read_to_end(&mut bytes).ok()?;
+    (Digest::of_parts(DOMAIN, &[&bytes]) == signed).then_some(bytes)
+}
+
+/// [`Digest::of_parts`] of a file of this length.
+fn digest_of(file: &mut impl Read, length: u64) -> io::Result<Digest> {
+    let mut hasher = Sha256::new();
+    hasher.update((DOMAIN.len() as u64).to_le_bytes());
+    hasher.update(DOMAIN);
+    hasher.update(length.to_le_bytes());
+    let (mut file, mut piece) = (file.take(length), vec![0; PIECE_BYTES]);
+    loop {
+        let count = file.read(&mut piece)?;
+        let Some(read) = piece.get(..count).filter(|read| !read.is_empty()) else { break };
+        hasher.update(read);
+    }
+    Ok(Digest::from_bytes(hasher.finalize().into()))
 }
 
 fn name(seq: u64) -> String {
@@ -144,4 +165,31 @@ fn names(folder: &Path) -> Result<Vec<String>, StoreError> {
     }
     names.sort();
     Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_loaded_only_if_it_is_the_one_that_was_signed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.fold");
+        for length in [0, 1, PIECE_BYTES, PIECE_BYTES + 1] {
+            let bytes = vec![7; length];
+            fs::write(&path, &bytes).unwrap();
+            let signed = Digest::of_parts(DOMAIN, &[&bytes]);
+            assert_eq!(digest_of(&mut bytes.as_slice(), length as u64).unwrap(), signed);
+            assert_eq!(with_digest(&path, signed), Some(bytes));
+            assert_eq!(with_digest(&path, Digest::of_parts(DOMAIN, &[b"other"])), None);
+        }
+        // One byte more than is ever written: not even hashed.
+        let empty = Digest::of_parts(DOMAIN, &[b""]);
+        fs::File::create(&path).unwrap().set_len(BYTES_MAX + 1).unwrap();
+        assert_eq!(with_digest(&path, empty), None);
+        let link = folder.path().join("b.fold");
+        fs::write(&path, "").unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        assert_eq!((with_digest(&path, empty), with_digest(&link, empty)), (Some(Vec::new()), None));
+    }
 }

@@ -10,6 +10,7 @@ use rusqlite::Connection;
 
 use super::error::StoreError;
 use super::open::not_the_chain;
+use super::row_limit;
 use holdpoint_governance::ids::Digest;
 
 /// Domain tag of the digest that an id is made of.
@@ -39,9 +40,11 @@ pub(crate) fn check_key(store_id: &str, key: &VerifyingKey) -> Result<(), String
 
 /// The store's id, made with the store.
 pub(crate) fn read(connection: &Connection, database: &Path) -> Result<String, StoreError> {
-    connection
-        .query_row("SELECT value FROM meta WHERE key = 'store_id'", [], |row| row.get(0))
-        .map_err(|error| not_the_chain(database, &format!("its id cannot be read: {error}")))
+    connection.query_row("SELECT value FROM meta WHERE +key = 'store_id'", [], |row| row.get(0)).map_err(
+        |error| {
+            not_the_chain(database, &format!("its id cannot be read: {}", row_limit::said_of("meta", &error)))
+        },
+    )
 }
 
 /// Names a store without records after its key, and tells the id.

@@ -10,6 +10,7 @@ use rusqlite::Connection;
 
 use super::fold::Fold;
 use super::open::open_beside;
+use super::row_limit;
 use holdpoint_governance::record::RecordRef;
 
 /// The table of the chain: nearly all of a store's file.
@@ -89,7 +90,7 @@ fn whole_file(connection: &Connection) -> Result<(), String> {
 }
 
 fn unreadable(error: rusqlite::Error) -> String {
-    error.to_string()
+    row_limit::said(&error)
 }
 
 fn has_free_pages(connection: &Connection) -> rusqlite::Result<bool> {

@@ -21,6 +21,7 @@ use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
 use super::people;
+use super::row_limit;
 use super::seals::{BatchState, absent};
 use super::shape::first_difference;
 use super::signed::{self, Unsigned};
@@ -124,7 +125,7 @@ fn bad_file(BadFile { file, problem }: BadFile) -> VerifyError {
 }
 
 fn unreadable(source: rusqlite::Error) -> VerifyError {
-    VerifyError::Damaged(source.to_string())
+    VerifyError::Damaged(row_limit::said(&source))
 }
 
 /// Verifies the store in its place that has this database file.
@@ -161,6 +162,9 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     let connection = open_reader(database, &STORE)?;
     // One moment of the store: an engine may be writing to it.
     connection.execute_batch("BEGIN").map_err(unreadable)?;
+    if let Some(problem) = row_limit::first_too_long(&connection).map_err(unreadable)? {
+        return Err(VerifyError::Damaged(problem));
+    }
     let sizes = kept.iter().map(|kept| kept.checkpoint.seq).collect();
     (judged.tell)("records", 0, head(&connection).map_err(unreadable)?.seq);
     // The structure of the file has nothing to do with what the records say: both are looked at together.
@@ -170,7 +174,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     });
     let mut fold = fold.map_err(|error| match error {
         FoldError::Fault(fault) => of_fault(fault),
-        FoldError::Read { seq, source } => VerifyError::Record { seq, problem: source.to_string() },
+        FoldError::Read { seq, source } => VerifyError::Record { seq, problem: row_limit::said(&source) },
     })?;
     file.unwrap_or_else(|_| Err("looking at its structure failed".to_owned()))
         .map_err(VerifyError::Damaged)?;

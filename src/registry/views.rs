@@ -284,7 +284,7 @@ impl Views {
     /// If the store cannot be read, or an act does not hold.
     pub fn persons(&self) -> Result<Persons, StoreError> {
         let reading = "read who may decide";
-        let id = "SELECT value FROM meta WHERE key = 'store_id'";
+        let id = "SELECT value FROM meta WHERE +key = 'store_id'";
         let store_id: String =
             self.connection.query_row(id, [], |row| row.get(0)).map_err(StoreError::sql(reading))?;
         people::read(&self.connection, &store_id)

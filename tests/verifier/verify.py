@@ -1,96 +1,50 @@
 #!/usr/bin/env python3
-"""Verifies a file of `holdpoint store export` without Holdpoint.
+"""Verifies files of `holdpoint store export` without Holdpoint.
 
-    verify.py FILE [--key store.pub] [--json]
+    verify.py FILE... [--key store.pub] [--json]
 
-Needs Python 3.9 or newer and the package `cryptography`. Ends with 0 if the file is sound, with 1 if it is not, and with 2
-if it cannot be read. It follows the form that the guide describes (src/guide/records.md) and looks at the same things in the same order: records
-with the acts about persons among them, signed heads, signed end, approvals.
+Needs Python 3.9 or newer and the package `cryptography`. Ends with 0 if every file is sound, with 1 if one is not, and with
+2 if one cannot be read. It follows the form that the guide describes (src/guide/records.md) and looks at the same things in
+the same order: records with the acts about persons among them, signed heads, signed end, approvals. `form.py` beside it has
+the form of lines and bodies, `curve.py` the rule for signatures.
 """
 
 import argparse
 import hashlib
 import json
-import re
+import os
+import stat
 import sys
 
-from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+# Whoever verifies leaves nothing beside the verifier.
+sys.dont_write_bytecode = True
 
-LINE_BYTES_MAX = 32 << 20
+from curve import is_signed
+from form import (
+    DECISIONS, NAME, PROFILES, RECORD, REASON_BYTES_MAX, ROLES, Bad, body_of, digest, digits, fields, is_reason, lines,
+    listed, number, public_key, set_field, signature_of, text, truth, version, whole, word,
+)
+
 HEADS_KEPT_MAX = 1000
-# Kinds of records whose bodies are read.
-TAKEN = ("approval-put", "person-enrolled", "person-confirmed", "person-revoked", "witness-set", "store-rebuilt")
+# The most heads that a file may have.
+HEADS_MAX = 10_000
+PERSONS_MAX = 1000
+KEY_FILE_BYTES_MAX = 1024
+# Kinds of records whose bodies are read; those about persons with what their change and their act are called.
+ACTS = {
+    "person-enrolled": ("enrol-person", "enrol"),
+    "person-confirmed": ("confirm-person", "confirm"),
+    "person-revoked": ("revoke-person", "revoke"),
+}
+TAKEN = ("approval-put", "witness-set", "store-rebuilt", *ACTS)
 ZEROS = bytes(32)
-
-
-class Bad(Exception):
-    """The first thing that is not sound: what kind of thing, which one, and why."""
-
-    def __init__(self, what, which, problem):
-        super().__init__(problem)
-        self.what, self.which, self.problem = what, which, problem
-
-    def sentence(self):
-        return {
-            "record": f"audit record {self.which} is bad: {self.problem}",
-            "head": f"the checkpoint in line {self.which} is bad: {self.problem}",
-            "end": f"the audit chain is not signed to its end: {self.problem}",
-            "approval": f"the approval {self.which} is bad: {self.problem}",
-            "person": f"the person {self.which!r} is bad: {self.problem}",
-            "line": f"line {self.which} is bad: {self.problem}",
-        }[self.what]
-
-
-def digest(domain, *parts):
-    """SHA-256 over every part behind its length, eight bytes with the lowest first; the domain is the first part."""
-    hasher = hashlib.sha256()
-    for part in (domain.encode(), *parts):
-        hasher.update(len(part).to_bytes(8, "little"))
-        hasher.update(part)
-    return hasher.digest()
-
-
-def whole(value, least=-(2**63), most=2**63 - 1):
-    """A whole number within these bounds."""
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise ValueError(f"{value!r} is no whole number of this form")
-    return value
-
-
-def number(value):
-    """A whole number as it is hashed."""
-    return whole(value, 0, 2**64 - 1).to_bytes(8, "little")
-
-
-def public_key(value):
-    """A public key from its digits."""
-    return Ed25519PublicKey.from_public_bytes(digits(value, 32))
 
 
 def check_id(store_id, key):
     """Whether a store with this id signs with this key, as far as the id says: earlier versions drew theirs."""
-    of_key = "key-" + digest("holdpoint/store-id/v1", key.public_bytes_raw()).hex()[:32]
+    of_key = "key-" + digest("holdpoint/store-id/v1", key).hex()[:32]
     if store_id.startswith("key-") and store_id != of_key:
         raise Bad("line", 1, f"the store {store_id!r} does not sign with this key: it would be {of_key!r}")
-
-
-def digits(text, count):
-    """Bytes from hexadecimal digits in lower case."""
-    if not isinstance(text, str) or not re.fullmatch("[0-9a-f]{%d}" % (2 * count), text):
-        raise ValueError(f"{text!r} is not {2 * count} hexadecimal digits")
-    return bytes.fromhex(text)
-
-
-def signature_of(value):
-    """The bytes of a signature, none of what cannot be one."""
-    return bytes.fromhex(value) if re.fullmatch("[0-9a-f]{128}", text(value).decode()) else b""
-
-
-def text(value):
-    if not isinstance(value, str):
-        raise ValueError(f"{value!r} is no text")
-    return value.encode()
 
 
 class Tree:
@@ -117,35 +71,27 @@ class Tree:
         return right
 
 
-def fields(value, needed, optional=()):
-    """The fields of an object, which has no others."""
-    if not isinstance(value, dict) or set(value) - set(needed) - set(optional) or set(needed) - set(value):
-        raise ValueError("its fields are not those of its form")
-    return value
-
-
 class Head:
     """A signed head: the end of the chain at some moment."""
 
     def __init__(self, value, line):
-        fields(value, ("store_id", "seq", "at_ms", "head", "signature"), ("fold", "link", "root"))
+        fields(value, "store_id", "seq", "at_ms", "head", "fold?", "link?", "root?", "signature")
         self.line, self.store_id, self.seq = line, value["store_id"], value["seq"]
         self.hash = digits(value["head"], 32)
-        self.root = digits(value["root"], 32) if value.get("root") is not None else None
+        self.root = digits(value["root"], 32) if "root" in value else None
         self.signature = signature_of(value["signature"])
-        self.link = value.get("link")
-        fold = digits(value["fold"], 32) if value.get("fold") is not None else None
+        self.written = text(value["signature"])
+        fold = digits(value["fold"], 32) if "fold" in value else None
         end = [text(self.store_id), number(self.seq), number(value["at_ms"]), self.hash]
-        if self.link is not None:
-            link = fields(self.link, ("number", "previous"), ("gap", "earlier"))
+        self.link = value.get("link")
+        if "link" in value:
+            link = fields(self.link, "number", "previous", "gap?", "earlier?")
             self.number, self.previous = link["number"], digits(link["previous"], 32)
-            self.gap, self.earlier = link.get("gap", False), link.get("earlier", 0)
-            if not isinstance(self.gap, bool):
-                raise ValueError("a gap is true or false")
+            self.gap, self.earlier = truth(set_field(link, "gap", False)), set_field(link, "earlier", 0)
             linked = [number(self.number), self.previous, bytes([self.gap])]
+            earlier = number(self.earlier)
             if self.root is not None:
-                parts = [*end, *linked, number(self.earlier), self.root, fold or b""]
-                self.signed = digest("holdpoint/checkpoint/v4", *parts)
+                self.signed = digest("holdpoint/checkpoint/v4", *end, *linked, earlier, self.root, fold or b"")
             else:
                 self.signed = digest("holdpoint/checkpoint/v3", *end, *linked, fold or b"")
         else:
@@ -156,7 +102,7 @@ class Head:
                 self.signed = digest("holdpoint/checkpoint/v1", *end)
 
     def digest(self):
-        return digest("holdpoint/checkpoint-digest/v1", self.signed, self.signature.hex().encode())
+        return digest("holdpoint/checkpoint-digest/v1", self.signed, self.written)
 
     def follows(self, before):
         """Why it does not follow from the one before, if it does not."""
@@ -174,54 +120,57 @@ class Head:
         return f"checkpoint number {self.number} does not follow from the one before"
 
 
+# What the record of an approval tells of it.
+TOLD = (
+    "change", "decision", "evidence_digest", "nonce", "not_after_ms", "policy_digest", "profile", "reason", "role",
+    "row_version", "who",
+)
+
+
+def told_of(subject, change):
+    """What a record tells of an approval, in a few bytes."""
+    return hashlib.sha256(json.dumps([subject, *(change[name] for name in TOLD)]).encode()).digest()
+
+
 class Approval:
     """A person's decision, signed with a key that it carries."""
 
     def __init__(self, value):
-        fields(value, ("approval", "public_key", "signature"))
-        self.public_key, self.signature = text(value["public_key"]), text(value["signature"])
-        names = (
-            "who", "role", "decision", "reason", "version", "candidate_digest", "row_version", "evidence_digest",
-            "policy_digest", "profile", "store_id", "nonce", "not_after_ms",
+        fields(value, "approval", "public_key", "signature")
+        self.public_key, self.signature = text(value["public_key"]), signature_of(value["signature"])
+        approval = fields(
+            value["approval"], "who", "role", "decision", "reason", "version", "candidate_digest", "row_version",
+            "evidence_digest", "policy_digest", "profile", "store_id", "nonce", "not_after_ms", "break_glass?",
         )
-        approval = fields(value["approval"], names, ("break_glass",))
-        self.nonce, self.store_id = approval["nonce"], approval["store_id"]
+        self.nonce, self.store_id, self.reason = approval["nonce"], approval["store_id"], approval["reason"]
         digits(self.nonce, 16)
         self.parts = [
             text(self.store_id),
             text(approval["who"]),
-            text(approval["role"]),
-            text(approval["decision"]),
-            text(approval["reason"]),
-            text(approval["version"]),
+            text(word(approval["role"], ROLES)),
+            text(word(approval["decision"], DECISIONS)),
+            text(self.reason),
+            version(approval["version"]),
             digits(approval["candidate_digest"], 32),
             number(approval["row_version"]),
             digits(approval["evidence_digest"], 32),
             digits(approval["policy_digest"], 32),
-            text(approval["profile"]),
+            text(word(approval["profile"], PROFILES)),
             text(self.nonce),
             number(approval["not_after_ms"]),
         ]
-        if not isinstance(approval.get("break_glass", False), bool):
-            raise ValueError("break_glass is true or false")
-        if approval.get("break_glass", False):
+        if truth(set_field(approval, "break_glass", False)):
             self.parts.append(b"break-glass")
+        self.told = told_of(approval["version"], {"change": "put-approval", **approval})
 
     def is_signed(self):
         try:
-            key = Ed25519PublicKey.from_public_bytes(digits(self.public_key.decode(), 32))
-            signature = digits(self.signature.decode(), 64)
+            key = public_key(self.public_key.decode())
         except ValueError:
             return False
-        return signed_by(key, signature, digest("holdpoint/approval/v1", *self.parts))
-
-
-def signed_by(key, signature, message):
-    try:
-        key.verify(signature, message)
-    except (InvalidSignature, ValueError):
-        return False
-    return True
+        if len(text(self.reason)) > REASON_BYTES_MAX:
+            return False
+        return is_signed(key, self.signature, digest("holdpoint/approval/v1", *self.parts))
 
 
 class Persons:
@@ -233,40 +182,42 @@ class Persons:
 
     def take(self, record, change):
         """Takes an act: signed by an administrator who is enrolled, following from the act before."""
-        fields(change, ("change", "act", "public_key", "signature"))
-        names = ("act", "name", "role", "key", "unprotected", "by", "reason", "store_id", "follows", "nonce")
-        act = fields(change["act"], names, ("guarded",))
-        guarded = act.get("guarded", False)
-        name, by, kind, role, key = (act[field] for field in ("name", "by", "act", "role", "key"))
-        kinds = {
-            "person-enrolled": ("enrol-person", "enrol"),
-            "person-confirmed": ("confirm-person", "confirm"),
-            "person-revoked": ("revoke-person", "revoke"),
-        }
-        if kinds[record["kind"]] != (change["change"], kind) or record["subject"] != name:
-            raise Bad("person", name, "the act is not what was recorded")
-        if not isinstance(act["unprotected"], bool) or not isinstance(guarded, bool) or role not in ("operator", "engineer", "safety", "admin"):
-            raise ValueError("an act about a person is not of its form")
+        fields(change, "act", "change", "public_key", "signature")
+        act = fields(
+            change["act"], "act", "by", "follows", "guarded?", "key", "name", "nonce", "reason", "role", "store_id",
+            "unprotected",
+        )
+        guarded, name, by, kind, role, key = (
+            truth(set_field(act, "guarded", False)), act["name"], act["by"], act["act"], act["role"], act["key"],
+        )
+        word(kind, [called for _, called in ACTS.values()])
+        digits(act["nonce"], 16)
         signed = digest(
             "holdpoint/person-act/v1",
             text(act["store_id"]),
             digits(act["follows"], 32),
             text(kind),
             text(name),
-            text(role),
+            text(word(role, ROLES)),
             text(key),
-            b"unprotected" if act["unprotected"] else b"",
+            b"unprotected" if truth(act["unprotected"]) else b"",
             text(by),
             text(act["reason"]),
             text(act["nonce"]),
             *([b"guarded"] if guarded else []),
         )
+        text(change["change"]), text(change["public_key"])
+        signature = signature_of(change["signature"])
+        if ACTS[record["kind"]] != (change["change"], kind) or record["subject"] != name:
+            raise Bad("person", name, "the act is not what was recorded")
+        if not NAME.fullmatch(name) or not is_reason(act["reason"]):
+            raise Bad("person", name, "its name, or the reason of the act, is none")
         try:
-            signer = Ed25519PublicKey.from_public_bytes(digits(change["public_key"], 32))
-            Ed25519PublicKey.from_public_bytes(digits(key, 32))
+            signer = public_key(change["public_key"])
+            public_key(key)
         except ValueError as error:
             raise Bad("person", name, "a key of the act is none") from error
-        if not signed_by(signer, signature_of(change["signature"]), signed):
+        if not is_signed(signer, signature, signed):
             raise Bad("person", name, f"the signature of {by!r} does not match the act")
         if text(act["store_id"]) != self.store_id or digits(act["follows"], 32) != self.follows:
             raise Bad("person", name, "the act does not follow from the one before it in this store")
@@ -278,6 +229,8 @@ class Persons:
         if kind == "enrol":
             if name in self.keys or key in self.keys.values():
                 raise Bad("person", name, "a name and a key are used once")
+            if len(self.keys) >= PERSONS_MAX:
+                raise Bad("person", name, f"the store has {PERSONS_MAX} persons already")
             if not self.keys or (guarded and by in self.confirmed):
                 self.confirmed.add(name)
             self.keys[name], self.roles[name] = key, role
@@ -296,40 +249,64 @@ class Persons:
 
     def take_witness(self, record, change):
         """Looks at an administrator's word on a witness, which earlier records do not have."""
-        if change.get("act") is None:
+        fields(change, "act?", "by", "change", "folder", "present")
+        word(change["change"], ["set-witness"])
+        text(change["by"]), text(change["folder"]), truth(change["present"])
+        if "act" not in change:
             return
-        word = fields(change["act"], ("act", "public_key", "signature"))
-        act = fields(word["act"], ("folder", "present", "by", "reason", "store_id", "after", "guarded"))
+        said = fields(change["act"], "act", "public_key", "signature")
+        act = fields(said["act"], "after", "by", "folder", "guarded", "present", "reason", "store_id")
         by = act["by"]
-        if not isinstance(act["present"], bool) or not isinstance(act["guarded"], bool):
-            raise ValueError("a word on a witness is not of its form")
         signed = digest(
             "holdpoint/witness-act/v1",
             text(act["store_id"]),
             digits(act["after"], 32),
             text(act["folder"]),
-            b"present" if act["present"] else b"",
+            b"present" if truth(act["present"]) else b"",
             text(by),
             text(act["reason"]),
-            b"guarded" if act["guarded"] else b"",
+            b"guarded" if truth(act["guarded"]) else b"",
         )
+        text(said["public_key"])
+        signature = signature_of(said["signature"])
+        if not is_reason(act["reason"]):
+            raise Bad("person", by, "the reason of the word is none")
         try:
-            signer = Ed25519PublicKey.from_public_bytes(digits(word["public_key"], 32))
+            signer = public_key(said["public_key"])
         except ValueError as error:
             raise Bad("person", by, "a key of the word is none") from error
-        if not signed_by(signer, signature_of(word["signature"]), signed):
+        if not is_signed(signer, signature, signed):
             raise Bad("person", by, "the signature does not match the word on a witness")
         told = (text(act["store_id"]), act["folder"], act["present"], act["after"])
         if told != (self.store_id, change["folder"], change["present"], record["prev"]):
             raise Bad("person", by, "the word on a witness is of another place, or another end of the chain")
-        if by in self.revoked or self.keys.get(by) != word["public_key"] or self.roles[by] != "admin":
+        if by in self.revoked or self.keys.get(by) != said["public_key"] or self.roles[by] != "admin":
             raise Bad("person", by, "who signed is no administrator who is enrolled")
 
-    def key_of(self, who):
-        """The key of somebody who is enrolled; none before anybody was."""
+    def key_of(self, who, role):
+        """The key of somebody who is enrolled in that role; none before anybody was."""
         if self.keys and (who in self.revoked or who not in self.keys):
-            raise LookupError
+            raise LookupError("whoever gave it was not enrolled then")
+        if self.keys and self.roles[who] != role:
+            raise LookupError("whoever gave it has another role")
         return self.keys.get(who)
+
+
+def lost_by(change):
+    """Looks at what the record of a rebuild says."""
+    fields(
+        change, "by", "change", "differed", "from_hash", "from_seq", "kept_as", "lost", "problem", "unsigned?",
+    )
+    word(change["change"], ["store-rebuilt"])
+    digits(change["from_hash"], 32), number(change["from_seq"]), text(change["kept_as"]), text(change["problem"])
+    number(set_field(change, "unsigned", 0))
+    for row in listed(change["differed"]):
+        fields(row, "columns", "key", "problem", "table")
+        for told in (*listed(row["columns"]), row["key"], row["problem"], row["table"]):
+            text(told)
+    for row in listed(change["lost"]):
+        for told in listed(row, 2):
+            text(told)
 
 
 class Export:
@@ -349,6 +326,11 @@ class Export:
         (kind, content), = value.items()
         if kind in ("head", "end") and (self.seq > 0 or self.end is not None):
             raise Bad("line", line, "it does not belong here")
+        if kind == "head" and len(self.heads) >= HEADS_MAX:
+            raise Bad("line", line, f"it is one checkpoint more than {HEADS_MAX}, and so many are allowed")
+        # One more than there can be: it is there twice, or no record speaks of it.
+        if kind == "approval" and len(self.approvals) > len(self.put):
+            raise Bad("line", line, "it is one approval more than records speak of")
         try:
             if kind == "head":
                 self.heads.append(Head(content, line))
@@ -367,8 +349,7 @@ class Export:
 
     def take_record(self, record):
         seq = self.seq + 1
-        names = ("seq", "prev", "hash", "at_ms", "kind", "subject", "body", "wall_ms")
-        fields(record, names)
+        fields(record, *RECORD)
         found, prev = digits(record["hash"], 32), digits(record["prev"], 32)
         hashed = [
             prev,
@@ -400,24 +381,30 @@ class Export:
         """What a record says of persons and approvals."""
         if record["kind"] not in TAKEN:
             return
-        body = json.loads(record["body"], object_pairs_hook=unique, parse_constant=no_number, parse_int=plain)
+        body = body_of(record["body"])
+        change = body["change"]
         if record["kind"] == "approval-put":
-            change = body["change"]
-            text(change["nonce"])
-            text(change["who"])
-            try:
-                self.put[change["nonce"]] = self.persons.key_of(change["who"])
-            except LookupError as error:
-                raise Bad("approval", change["nonce"], "whoever gave it was not enrolled then") from error
-        if record["kind"] in ("person-enrolled", "person-confirmed", "person-revoked"):
-            self.persons.take(record, body["change"])
-        if record["kind"] == "witness-set":
-            self.persons.take_witness(record, body["change"])
-        if record["kind"] == "store-rebuilt":
-            for table, key, row_digest in body["rows"]:
-                digits(row_digest, 32)
-                if table == "approval":
-                    self.lost.add(text(key).decode())
+            self.take_put(record["subject"], fields(change, *TOLD))
+        elif record["kind"] == "witness-set":
+            self.persons.take_witness(record, change)
+        elif record["kind"] == "store-rebuilt":
+            lost_by(change)
+            self.lost.update(key for table, key, _ in body["rows"] if table == "approval")
+        else:
+            self.persons.take(record, change)
+
+    def take_put(self, subject, change):
+        word(change["change"], ["put-approval"]), word(change["decision"], DECISIONS), word(change["role"], ROLES)
+        word(change["profile"], PROFILES), digits(change["nonce"], 16), text(change["reason"]), text(change["who"])
+        digits(change["evidence_digest"], 32), digits(change["policy_digest"], 32)
+        number(change["not_after_ms"]), number(change["row_version"])
+        if change["nonce"] in self.put:
+            raise Bad("approval", change["nonce"], "two records speak of it")
+        try:
+            key = self.persons.key_of(change["who"], change["role"])
+        except LookupError as error:
+            raise Bad("approval", change["nonce"], str(error)) from error
+        self.put[change["nonce"]] = (key, told_of(subject, change))
 
     def check(self, key):
         if self.seq != self.header["records"]:
@@ -437,7 +424,7 @@ class Export:
     def check_head(self, what, head, key):
         if head.store_id != self.header["store_id"]:
             raise Bad(what, head.line, f"it belongs to the store {head.store_id!r}")
-        if not signed_by(key, head.signature, head.signed):
+        if not is_signed(key, head.signature, head.signed):
             raise Bad(what, head.line, "its signature does not match the public key")
         if head.seq == 0:
             return
@@ -486,8 +473,11 @@ class Export:
                 raise Bad("approval", nonce, "it was made for another store")
             if nonce not in self.put:
                 raise Bad("approval", nonce, "no record speaks of it")
-            if self.put[nonce] is not None and text(self.put[nonce]) != approval.public_key:
+            key, told = self.put[nonce]
+            if key is not None and text(key) != approval.public_key:
                 raise Bad("approval", nonce, "it was signed with another key than that of who gave it")
+            if told != approval.told:
+                raise Bad("approval", nonce, "it is not what its record tells of it")
             if nonce in found:
                 raise Bad("approval", nonce, "it is there twice")
             found.add(nonce)
@@ -496,49 +486,11 @@ class Export:
             raise Bad("approval", missing[0], "it is missing")
 
 
-def unique(pairs):
-    """An object that has no field twice."""
-    value = dict(pairs)
-    if len(value) != len(pairs):
-        raise ValueError("a field is there twice")
-    return value
-
-
-def no_number(word):
-    raise ValueError(f"{word} is no number")
-
-
-def plain(word):
-    """A whole number as it is written: of zeros there is one."""
-    if word == "-0":
-        raise ValueError("-0 is no whole number")
-    return int(word)
-
-
-def lines(file):
-    for line in range(1, sys.maxsize):
-        read = file.readline(LINE_BYTES_MAX + 1)
-        if not read:
-            return
-        if len(read) > LINE_BYTES_MAX:
-            raise Bad("line", line, f"it has more than {LINE_BYTES_MAX} bytes")
-        if not read.endswith(b"\n"):
-            raise Bad("line", line, "the file is cut short in it")
-        try:
-            # As text: bytes would be taken for whatever encoding they look like.
-            read = read.decode("utf-8")
-            if line == 1 and not read.startswith('{"export":'):
-                raise ValueError("it is not the first of an exported store")
-            yield line, json.loads(read, object_pairs_hook=unique, parse_constant=no_number, parse_int=plain)
-        except (ValueError, RecursionError) as error:
-            raise Bad("line", line, str(error)) from error
-
-
 def verify(file, key):
     rest = lines(file)
     _, first = next(rest, (1, None))
     try:
-        header = fields(first["export"], ("format", "version", "store_id", "records", "public_key"))
+        header = fields(fields(first, "export")["export"], "format", "version", "store_id", "records", "public_key")
         if (header["format"], whole(header["version"])) != ("holdpoint-store-export", 1):
             raise ValueError
         number(header["records"])
@@ -548,7 +500,7 @@ def verify(file, key):
         raise Bad("line", 1, "it does not say that the file is an exported store of version 1, and of which key") from error
     if key is None and named is None:
         raise Bad("line", 1, "it names no public key, and none was given")
-    if key is not None and named is not None and key.public_bytes_raw() != named.public_bytes_raw():
+    if key is not None and named is not None and key != named:
         raise Bad("line", 1, "it names another public key than the one that was given")
     key = key or named
     check_id(header["store_id"], key)
@@ -559,27 +511,34 @@ def verify(file, key):
     return export
 
 
-def main():
-    parser = argparse.ArgumentParser(description="Verifies a file of `holdpoint store export`.")
-    parser.add_argument("file")
-    parser.add_argument("--key", help="the store's public key, kept elsewhere")
-    parser.add_argument("--json", action="store_true", help="one line of JSON")
-    options = parser.parse_args()
+def opened(path):
+    """A regular file: a pipe would be waited for."""
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb")
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(f"{path} is no regular file, and only those are read")
+    return file
+
+
+def key_in(path):
+    """The public key in a file: its digits, and a note behind a blank."""
+    with opened(path) as file:
+        read = file.read(KEY_FILE_BYTES_MAX + 1)
+    if len(read) > KEY_FILE_BYTES_MAX:
+        raise ValueError(f"{path} has more than {KEY_FILE_BYTES_MAX} bytes, and so many are allowed for a key")
+    return public_key(read.decode().rstrip().split(" ")[0])
+
+
+def judge(path, key, as_json):
+    """Tells of one file, and with which code that ends."""
     try:
-        key = None
-        if options.key:
-            with open(options.key, encoding="utf-8") as file:
-                key = Ed25519PublicKey.from_public_bytes(digits(file.read().split()[0], 32))
-        with open(options.file, "rb") as file:
+        with opened(path) as file:
             export = verify(file, key)
     except Bad as bad:
         record = bad.which if bad.what == "record" else None
         answer = {"sound": False, "what": bad.what, "record": record, "problem": bad.sentence()}
-        print(json.dumps(answer) if options.json else f"not sound: {bad.sentence()}")
+        print(json.dumps(answer) if as_json else f"not sound: {bad.sentence()}")
         return 1
-    except (OSError, ValueError, IndexError) as error:
-        print(f"cannot read it: {error}", file=sys.stderr)
-        return 2
     answer = {
         "sound": True,
         "store_id": export.header["store_id"],
@@ -592,8 +551,22 @@ def main():
         "confirmed": len(export.persons.confirmed),
         "key_given": key is not None,
     }
-    print(json.dumps(answer) if options.json else f"sound: {export.seq} records, head {export.last.hex()}")
+    print(json.dumps(answer) if as_json else f"sound: {export.seq} records, head {export.last.hex()}")
     return 0
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Verifies files of `holdpoint store export`.")
+    parser.add_argument("file", nargs="+")
+    parser.add_argument("--key", help="the store's public key, kept elsewhere")
+    parser.add_argument("--json", action="store_true", help="one line of JSON for each file")
+    options = parser.parse_args()
+    try:
+        key = key_in(options.key) if options.key else None
+        return max(judge(path, key, options.json) for path in options.file)
+    except (OSError, ValueError) as error:
+        print(f"cannot read it: {error}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ pub fn made(folder: &Path) -> ed25519_dalek::VerifyingKey {
     *store.public_key()
 }
 
-const UNLOCK: &str =
+pub const UNLOCK: &str =
     "DROP TRIGGER audit_no_delete; DROP TRIGGER audit_no_update; DROP TRIGGER audit_in_order;
     DROP TRIGGER version_kept; DROP TRIGGER version_identity; DROP TRIGGER version_terminal;
     DROP TRIGGER approval_once; DROP TRIGGER approval_kept;
@@ -307,4 +307,24 @@ fn flipped_bits_are_found_or_harmless() {
     }
     // Most of so small a file is free space, where a flip changes nothing.
     assert!(found > FLIPS / 10, "only {found} of {FLIPS} flips were found");
+}
+
+/// Whoever can write the file can put a number there that nothing comes after.
+#[test]
+fn the_last_number_there_is_ends_no_verifier() {
+    let root = crate::edits::quick_folder();
+    let store = crate::verifiers::stores(root.path()).remove(2);
+    let last = "json('18446744073709551615')";
+    rewrite(
+        &store,
+        &format!(
+            "UPDATE audit SET body = json_set(body, '$.change.unsigned', 1, '$.change.from_seq', {last})
+             WHERE kind = 'store-rebuilt'"
+        ),
+    );
+    let said = verify(&store.join("holdpoint.db"), None).unwrap_err().to_string();
+    assert!(
+        said.contains("history was rewritten") || said.contains("is not the one that was signed"),
+        "{said}"
+    );
 }

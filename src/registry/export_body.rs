@@ -1,0 +1,171 @@
+//! What the bodies of exported records say of persons, witnesses, approvals and rebuilds. Each has one text, as
+//! [`canonical_json`] writes it, and the fields of its form.
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::approve::ApprovalOnRecord;
+use super::lost::RebuiltChange;
+use holdpoint_approvals::{SignedPersonAct, SignedWitnessAct};
+use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_governance::record::RecordKind;
+
+/// The most commas and opening brackets of a body: its values are not more.
+const BODY_MARKS_MAX: usize = 1 << 20;
+/// The most brackets within each other.
+const BODY_DEPTH_MAX: usize = 32;
+
+/// What a record says, as far as it is judged.
+pub(super) enum Said {
+    Put(ApprovalOnRecord),
+    /// An act about a person, and what the change is called.
+    Act {
+        change: String,
+        signed: Box<SignedPersonAct>,
+    },
+    Witness(WitnessOnRecord),
+    /// Nonces of approvals that a rebuild gave up.
+    Lost(Vec<String>),
+    Nothing,
+}
+
+/// A witness that was added or removed.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WitnessOnRecord {
+    change: String,
+    pub(super) folder: String,
+    pub(super) present: bool,
+    by: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) act: Option<Box<SignedWitnessAct>>,
+}
+
+/// A body of a record that the store writes itself.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Body<C> {
+    change: C,
+    rows: Vec<(String, String, Digest)>,
+}
+
+/// Reads the body of a record of this kind.
+///
+/// # Errors
+/// What is wrong with it.
+pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<Said, String> {
+    match kind {
+        Some(RecordKind::ApprovalPut) => {
+            let change: ApprovalOnRecord = change_of(text)?;
+            named(change.change(), "put-approval")?;
+            Ok(Said::Put(change))
+        }
+        Some(RecordKind::PersonEnrolled | RecordKind::PersonConfirmed | RecordKind::PersonRevoked) => {
+            let mut change: Value = change_of(text)?;
+            let name = change.as_object_mut().and_then(|fields| fields.remove("change"));
+            let Some(Value::String(name)) = name else {
+                return Err("it is no act about a person".to_owned());
+            };
+            Ok(Said::Act { change: name, signed: Box::new(typed(change)?) })
+        }
+        Some(RecordKind::WitnessSet) => {
+            let change: WitnessOnRecord = change_of(text)?;
+            named(&change.change, "set-witness")?;
+            Ok(Said::Witness(change))
+        }
+        Some(RecordKind::StoreRebuilt) => {
+            let Body { change, rows } = typed::<Body<RebuiltChange>>(value_of(text)?)?;
+            named(&change.change, "store-rebuilt")?;
+            let approvals = rows.into_iter().filter(|(table, ..)| table == "approval");
+            Ok(Said::Lost(approvals.map(|(_, nonce, _)| nonce).collect()))
+        }
+        Some(_) | None => Ok(Said::Nothing),
+    }
+}
+
+fn named(found: &str, expected: &str) -> Result<(), String> {
+    if found == expected { Ok(()) } else { Err(format!("its change is {found:?}, not {expected:?}")) }
+}
+
+fn change_of<C: Serialize + DeserializeOwned>(text: &str) -> Result<C, String> {
+    typed(value_of(text)?).map(|body: Body<C>| body.change)
+}
+
+/// A value with the fields of its form: all of them, and each only where it says something.
+fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
+    let typed = T::deserialize(&value).map_err(|error| error.to_string())?;
+    if serde_json::to_value(&typed).map_err(|error| error.to_string())? == value {
+        return Ok(typed);
+    }
+    Err("its fields are not those of its form".to_owned())
+}
+
+/// What a text says that is the one text of its value.
+fn value_of(text: &str) -> Result<Value, String> {
+    if text.bytes().filter(|byte| matches!(byte, b',' | b'[' | b'{')).count() > BODY_MARKS_MAX {
+        return Err(format!(
+            "it has more than {BODY_MARKS_MAX} commas and brackets, and so many are allowed"
+        ));
+    }
+    let value: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    check(&value, BODY_DEPTH_MAX)?;
+    if canonical_json(&value).map_err(|error| error.to_string())? == text {
+        return Ok(value);
+    }
+    Err("it is not as it was written".to_owned())
+}
+
+/// Whole numbers alone, and so many brackets within each other.
+fn check(value: &Value, depth: usize) -> Result<(), String> {
+    let deeper = || depth.checked_sub(1).ok_or(format!("it has brackets deeper than {BODY_DEPTH_MAX}"));
+    match value {
+        Value::Number(number) if !number.is_u64() && !number.is_i64() => {
+            Err(format!("{number} is no whole number"))
+        }
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => Ok(()),
+        Value::Array(values) => {
+            let depth = deeper()?;
+            values.iter().try_for_each(|value| check(value, depth))
+        }
+        Value::Object(fields) => {
+            let depth = deeper()?;
+            fields.values().try_for_each(|value| check(value, depth))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_body_has_one_text() {
+        let deep = |count: usize| "[".repeat(count) + &"]".repeat(count);
+        for good in ["{\"a\":1,\"b\":[-9223372036854775808,18446744073709551615]}", "\"\u{7f}é\"", &deep(32)]
+        {
+            assert!(value_of(good).is_ok(), "{good}");
+        }
+        let marks = format!("[{}0]", "0,".repeat(BODY_MARKS_MAX));
+        for bad in [
+            "{\"b\":1,\"a\":1}",
+            "{\"a\":1,\"a\":1}",
+            "{\"a\": 1}",
+            "[1.0]",
+            "[1e2]",
+            "[-0]",
+            "[18446744073709551616]",
+            "[-9223372036854775809]",
+            "[NaN]",
+            "\"\\u0041\"",
+            "\"\\/\"",
+            "1\n",
+            "\u{feff}1",
+            &deep(33),
+            &deep(1000),
+            &marks,
+        ] {
+            assert!(value_of(bad).is_err(), "{bad:.60}");
+        }
+    }
+}

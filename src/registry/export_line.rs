@@ -1,0 +1,173 @@
+//! The lines of a store's history in one file: each value has one text, and none is read that is longer than it may be.
+//!
+//! What is read is written again and held against what was read. A list in the place of an object, a field twice or in
+//! another order, blanks, other escapes and what is written although it says nothing are refused by that.
+
+use std::io::{self, BufRead, Read as _, Write};
+
+use serde::{Deserialize, Serialize};
+
+use super::audit::write_ascii_json;
+use super::checkpoint::Checkpoint;
+use holdpoint_approvals::SignedApproval;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::record::AuditRecord;
+use holdpoint_governance::words::Word;
+
+/// The longest line that is a record, bytes: its body has at most 4 MiB, and each byte of that six as an escape.
+pub(crate) const LINE_BYTES_MAX: u64 = 32 << 20;
+/// The longest other line, bytes.
+pub(crate) const SHORT_LINE_BYTES_MAX: u64 = 64 << 10;
+/// How a file begins.
+pub(crate) const START_OF_FILE: &[u8; 10] = b"{\"export\":";
+/// How a line with a record begins.
+const START_OF_RECORD: &[u8] = b"{\"record\":{";
+
+/// One line.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ExportLine {
+    Export(ExportHeader),
+    Head(Checkpoint),
+    End(Checkpoint),
+    Record(Box<ExportedRecord>),
+    Approval(Box<SignedApproval>),
+}
+
+/// The first line.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ExportHeader {
+    pub(crate) format: String,
+    pub(crate) version: u32,
+    pub(crate) store_id: String,
+    /// Records in the file.
+    pub(crate) records: u64,
+    /// 64 hexadecimal digits.
+    pub(crate) public_key: Option<String>,
+}
+
+/// A record as a line has it, and nothing else.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ExportedRecord {
+    seq: u64,
+    prev: Digest,
+    hash: Digest,
+    at_ms: u64,
+    kind: String,
+    subject: String,
+    body: String,
+    wall_ms: i64,
+}
+
+impl From<AuditRecord> for ExportedRecord {
+    fn from(record: AuditRecord) -> Self {
+        let AuditRecord { seq, prev, hash, at_ms, kind, subject, body, wall_ms } = record;
+        Self { seq, prev, hash, at_ms, kind: kind.to_string(), subject, body, wall_ms }
+    }
+}
+
+impl From<ExportedRecord> for AuditRecord {
+    fn from(record: ExportedRecord) -> Self {
+        let ExportedRecord { seq, prev, hash, at_ms, kind, subject, body, wall_ms } = record;
+        Self { seq, prev, hash, at_ms, kind: Word::read(kind), subject, body, wall_ms }
+    }
+}
+
+impl ExportLine {
+    /// Writes it, with the end of the line.
+    pub(crate) fn write(&self, mut out: impl Write) -> serde_json::Result<()> {
+        write_ascii_json(&mut out, self)?;
+        out.write_all(b"\n").map_err(serde_json::Error::io)
+    }
+
+    /// Reads a line, its end included, as [`Self::write`] writes it.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(crate) fn parse(line: &[u8]) -> Result<Self, String> {
+        if line.last() != Some(&b'\n') {
+            return Err("the file is cut short in it".to_owned());
+        }
+        let parsed: Self = serde_json::from_slice(line).map_err(|error| error.to_string())?;
+        let mut left = Left(line);
+        if parsed.write(&mut left).is_ok() && left.0.is_empty() {
+            return Ok(parsed);
+        }
+        Err("it is not as it was written".to_owned())
+    }
+}
+
+/// What of a line is left to be written the same.
+struct Left<'a>(&'a [u8]);
+
+impl Write for Left<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 = self.0.strip_prefix(bytes).ok_or(io::ErrorKind::InvalidData)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// The next line with its end, `None` at the end of the file. No more of it is read than it may have.
+///
+/// # Errors
+/// If it cannot be read or is longer.
+pub(crate) fn next_line(reader: &mut impl BufRead) -> Result<Option<Vec<u8>>, String> {
+    let (mut line, mut most) = (Vec::new(), SHORT_LINE_BYTES_MAX);
+    let mut read_up_to = |line: &mut Vec<u8>, bytes: u64| {
+        let more = bytes.saturating_sub(line.len() as u64);
+        reader.by_ref().take(more).read_until(b'\n', line).map_err(|error| error.to_string())
+    };
+    read_up_to(&mut line, most + 1)?;
+    if line.starts_with(START_OF_RECORD) {
+        most = LINE_BYTES_MAX;
+        if line.last() != Some(&b'\n') {
+            read_up_to(&mut line, most + 1)?;
+        }
+    }
+    if line.len() as u64 > most {
+        return Err(format!("it has more than {most} bytes, and so many are allowed"));
+    }
+    Ok((!line.is_empty()).then_some(line))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Reads as many bytes as it is asked for, and counts them.
+    struct Endless(u64, Vec<u8>);
+
+    impl io::Read for Endless {
+        fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+            let start = usize::try_from(self.0).unwrap();
+            for (at, byte) in into.iter_mut().enumerate() {
+                *byte = self.1.get(start + at).copied().unwrap_or(b'[');
+            }
+            self.0 += into.len() as u64;
+            Ok(into.len())
+        }
+    }
+
+    #[test]
+    fn no_more_is_read_than_a_line_may_have() {
+        for (start, most) in [("{\"head\":{", SHORT_LINE_BYTES_MAX), ("{\"record\":{", LINE_BYTES_MAX)] {
+            let mut reader = io::BufReader::new(Endless(0, start.into()));
+            let said = next_line(&mut reader).unwrap_err();
+            assert!(said.contains(&most.to_string()), "{said}");
+            let read = reader.get_ref().0;
+            assert!(read <= most + (64 << 10), "{start}: {read} bytes were read");
+        }
+        let mut whole = vec![b' '; usize::try_from(SHORT_LINE_BYTES_MAX).unwrap() - 1];
+        whole.push(b'\n');
+        assert_eq!(next_line(&mut whole.as_slice()).unwrap().as_deref(), Some(whole.as_slice()));
+        whole.insert(0, b' ');
+        assert!(next_line(&mut whole.as_slice()).is_err());
+        assert_eq!(next_line(&mut io::empty()).unwrap(), None);
+    }
+}

@@ -1,0 +1,60 @@
+//! The longest row that is read of a database. Whoever can write the file could else have every reader load what fits into
+//! it: SQLite's own limit is a thousand million bytes.
+//!
+//! The limit holds for what is taken out of a row. A search by the key of a table without row ids loads the rows that it passes
+//! whole, so that `meta`, which is read before anything was looked at, is read from its beginning (`+key`).
+
+use rusqlite::limits::Limit;
+use rusqlite::{Connection, ErrorCode};
+
+/// The longest text of a row, and the longest row, bytes. This program writes none that is longer.
+pub(crate) const ROW_BYTES_MAX: i32 = 32 << 20;
+/// The table of the chain, whose records are read one by one anyway.
+const CHAIN: &str = "audit";
+
+/// Has a connection read and write no longer row.
+pub(crate) fn set(connection: &Connection) -> rusqlite::Result<()> {
+    connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, ROW_BYTES_MAX).map(drop)
+}
+
+/// Whether a row was not read because of its length.
+pub(crate) fn is_reached(error: &rusqlite::Error) -> bool {
+    error.sqlite_error_code() == Some(ErrorCode::TooBig)
+}
+
+/// SQLite's error, with the limit where it is one.
+pub(crate) fn said(error: &rusqlite::Error) -> String {
+    if is_reached(error) {
+        return format!("there is a text of more than {ROW_BYTES_MAX} bytes, and so many are read");
+    }
+    error.to_string()
+}
+
+/// As [`said`], of a row of this table.
+pub(crate) fn said_of(table: &str, error: &rusqlite::Error) -> String {
+    let said = said(error);
+    if is_reached(error) { format!("its table {table}: {said}") } else { said }
+}
+
+/// The first text beside the chain that is too long, by the lengths that the rows have at their beginning: none is loaded.
+pub(crate) fn first_too_long(connection: &Connection) -> rusqlite::Result<Option<String>> {
+    let sql = "SELECT t.name, c.name FROM sqlite_schema t JOIN pragma_table_info(t.name) c
+               WHERE t.type = 'table' AND t.name NOT LIKE 'sqlite_%' AND t.name <> ?1 ORDER BY t.name, c.cid";
+    let mut select = connection.prepare(sql)?;
+    let columns = select.query_map([CHAIN], |row| Ok((row.get(0)?, row.get(1)?)))?;
+    for column in columns {
+        let (table, column): (String, String) = column?;
+        let name = |name: &str| format!("\"{}\"", name.replace('"', "\"\""));
+        let sql = format!(
+            "SELECT max(octet_length({})) FROM {} WHERE octet_length({0}) > {ROW_BYTES_MAX}",
+            name(&column),
+            name(&table)
+        );
+        if let Some(bytes) = connection.query_row(&sql, [], |row| row.get::<_, Option<u64>>(0))? {
+            return Ok(Some(format!(
+                "a text in the column {column} of its table {table} has {bytes} bytes, and at most {ROW_BYTES_MAX} are read"
+            )));
+        }
+    }
+    Ok(None)
+}

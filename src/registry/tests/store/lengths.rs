@@ -1,0 +1,106 @@
+//! Texts and files that are longer than any that the program writes: each is refused before it is loaded, and named.
+
+use std::fs::{self, File};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use holdpoint_registry::{
+    BackupParts, Exporting, JudgedBy, Layout, Place, Store, Views, backup, check_store, export_store,
+    store_info, verify, verify_against, verify_copy,
+};
+use rusqlite::Connection;
+
+use crate::damage::UNLOCK;
+use crate::edits::{made, quick_folder};
+use crate::support::*;
+
+/// The longest text that is read.
+const LIMIT: &str = "33554432";
+
+/// Puts a text of 34 MB somewhere; the database does as it is told.
+fn lengthen(database: &Path, edit: &str) {
+    let connection = Connection::open(database).unwrap();
+    connection.execute_batch(UNLOCK).unwrap();
+    connection.execute_batch("PRAGMA ignore_check_constraints = 1").unwrap();
+    let changed = connection.execute(&edit.replace("$LONG", "hex(zeroblob(17000000))"), []).unwrap();
+    assert!(changed > 0, "{edit}");
+}
+
+#[test]
+fn a_text_that_is_too_long_is_refused_with_its_table() {
+    for (edit, named) in [
+        ("UPDATE meta SET value = $LONG WHERE key = 'store_id'", "table meta"),
+        ("UPDATE meta SET value = $LONG WHERE key = 'signed_end'", "table meta"),
+        ("UPDATE evidence SET json = $LONG WHERE seq = (SELECT max(seq) FROM evidence)", "table evidence"),
+        ("UPDATE version SET manifest = $LONG WHERE name = 'grasp@1.1.0'", "table version"),
+        (
+            "UPDATE command SET receipt = $LONG WHERE last_seq = 1 OR id = (SELECT max(id) FROM command)",
+            "table command",
+        ),
+        ("UPDATE audit SET body = $LONG WHERE seq = 9", "audit record 9"),
+    ] {
+        let (folder, to) = (quick_folder(), quick_folder());
+        made(folder.path());
+        let database = folder.path().join("holdpoint.db");
+        lengthen(&database, edit);
+        let copied = to.path().join("copy");
+        for said in [
+            unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err().to_string(),
+            verify(&database, None).unwrap_err().to_string(),
+            verify_copy(&database, None).unwrap_err().to_string(),
+            Views::open_checked(&database).map(drop).unwrap_err().to_string(),
+            backup(folder.path(), &copied, BackupParts::default()).unwrap_err().to_string(),
+        ] {
+            assert!(said.contains(named) && said.contains(LIMIT), "{edit}: {said}");
+            assert!(said.len() < 1000, "{edit}: {} bytes are said", said.len());
+        }
+        assert!(!copied.exists());
+        // What looks less closely may or may not come upon it, and loads it no more.
+        for said in [
+            store_info(folder.path()).err().map(|error| error.to_string()),
+            check_store(folder.path()).err().map(|error| error.to_string()),
+            export_store(&database, Exporting::Unchecked, None, &mut std::io::sink())
+                .err()
+                .map(|it| it.to_string()),
+        ] {
+            let said = said.unwrap_or_else(|| LIMIT.to_owned());
+            assert!(said.contains(LIMIT) && said.len() < 1000, "{edit}: {said:.1000}");
+        }
+    }
+}
+
+#[test]
+fn a_copy_with_a_text_that_is_too_long_is_named() {
+    let folder = quick_folder();
+    made(folder.path());
+    let (database, copy) = (folder.path().join("holdpoint.db"), folder.path().join("copy.db"));
+    fs::copy(&database, &copy).unwrap();
+    lengthen(&copy, "UPDATE meta SET value = $LONG WHERE key = 'signed_end'");
+    let against = [copy];
+    let judged = JudgedBy { key: None, against: &against, place: Place::Store, tell: &|_, _, _| {} };
+    let said = verify_against(&database, &judged).unwrap_err().to_string();
+    assert!(said.contains("copy.db") && said.contains("table meta") && said.contains(LIMIT), "{said}");
+}
+
+#[test]
+fn a_large_file_among_keys_and_profiles_is_refused_by_its_size() {
+    for name in ["keys/huge.pub", "keys/identities/huge.pub", "profiles/huge.toml", "keys/store.key"] {
+        let (folder, to) = (quick_folder(), quick_folder());
+        made(folder.path());
+        fs::create_dir_all(Layout::new(folder.path()).profiles()).unwrap();
+        let path = folder.path().join(name);
+        let file = File::options().create(true).truncate(false).write(true).open(&path).unwrap();
+        for bytes in [64 * 1024 + 1, 1 << 40] {
+            file.set_len(bytes).unwrap();
+            let begun = Instant::now();
+            let parts = BackupParts { keys: true, recordings: None };
+            let said = backup(folder.path(), &to.path().join("copy"), parts).unwrap_err().to_string();
+            assert!(
+                said.contains(name) && said.contains("65536") && said.contains(&bytes.to_string()),
+                "{said}"
+            );
+            assert!(begun.elapsed() < Duration::from_secs(20));
+            assert_eq!(fs::read_dir(to.path()).unwrap().count(), 0);
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Both verifiers against each other: real exports, edited by chance and by somebody who has every key. What one calls sound
+//! the other has to call sound, too.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use holdpoint_registry::verify_export;
+
+use crate::edits::{Dice, quick_folder};
+use crate::forged::{Keys, Mended, mend};
+use crate::proofs::public_key;
+use crate::tree::{Letters, Node};
+use crate::verifiers::{exported, python_of_all, same, stores, what};
+
+/// Mutants that Python is asked of at a time.
+const TOGETHER: u64 = 200;
+/// So many that part the verifiers are told.
+const TOLD_MAX: usize = 5;
+/// What JSON is made of, and what it is not.
+const LETTERS: &[u8] = b"0123456789abcdefE+-.{}[],:\"\\/ \r\n\t\0\x80\xc3\xff";
+
+/// An export that is sound, and the keys to it.
+struct Whole {
+    lines: Vec<Node>,
+    keys: Keys,
+    key: PathBuf,
+}
+
+/// A number from the environment.
+fn asked(name: &str, otherwise: u64) -> u64 {
+    std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
+}
+
+fn written(lines: &[Node]) -> Vec<u8> {
+    let lines: Vec<String> = lines.iter().map(|line| line.written(Letters::Ascii) + "\n").collect();
+    lines.concat().into_bytes()
+}
+
+/// Changes bytes at one place.
+fn edit_bytes(dice: &mut Dice, bytes: &mut Vec<u8>) {
+    if bytes.is_empty() {
+        return;
+    }
+    let at = dice.roll(bytes.len());
+    match dice.roll(10) {
+        0 => bytes[at] ^= 1 << dice.roll(8),
+        1 => bytes[at] = LETTERS[dice.roll(LETTERS.len())],
+        2 => bytes.insert(at, LETTERS[dice.roll(LETTERS.len())]),
+        3 => bytes.truncate(at),
+        4 => drop(bytes.drain(at..bytes.len().min(at + 1 + dice.roll(40)))),
+        5 => {
+            let piece: Vec<u8> = bytes[at..bytes.len().min(at + 1 + dice.roll(400))].to_vec();
+            bytes.splice(at..at, piece);
+        }
+        6 => {
+            bytes.splice(0..0, [0xef, 0xbb, 0xbf]);
+        }
+        7 => {
+            let crlf = String::from_utf8_lossy(bytes).replace('\n', "\r\n");
+            *bytes = crlf.into_bytes();
+        }
+        8 => bytes.extend([b"\n".as_slice(), b" ", b"\0", b"{}", b"null\n"][dice.roll(5)]),
+        _ => {
+            let deep = [100, 126, 127, 128, 1_000, 10_000][dice.roll(6)];
+            bytes.splice(at..at, b"[".repeat(deep));
+        }
+    }
+}
+
+/// One that matters more often than the many others.
+fn a_line(dice: &mut Dice, lines: &[Node]) -> usize {
+    const JUDGED: [&str; 6] = [
+        "approval-put",
+        "person-enrolled",
+        "person-confirmed",
+        "person-revoked",
+        "witness-set",
+        "store-rebuilt",
+    ];
+    let wanted = dice.roll(10);
+    let is_wanted = |line: &&Node| match wanted {
+        0 => line.at(&["export"]).is_some(),
+        1..=2 => line.at(&["head"]).is_some() || line.at(&["end"]).is_some(),
+        3..=5 => line.text(&["record", "kind"]).is_some_and(|kind| JUDGED.contains(&kind)),
+        6..=7 => line.at(&["approval"]).is_some(),
+        _ => true,
+    };
+    let chosen: Vec<usize> =
+        lines.iter().enumerate().filter(|(_, line)| is_wanted(line)).map(|(nth, _)| nth).collect();
+    if chosen.is_empty() { dice.roll(lines.len()) } else { chosen[dice.roll(chosen.len())] }
+}
+
+fn edit_lines(dice: &mut Dice, lines: &mut Vec<Node>) {
+    let at = a_line(dice, lines);
+    match dice.roll(12) {
+        0 if lines.len() > 2 => drop(lines.remove(at)),
+        1 => lines.insert(dice.roll(lines.len()), lines[at].clone()),
+        2 => {
+            let other = a_line(dice, lines);
+            lines.swap(at, other);
+        }
+        3..=5 => {
+            if let Some((from, to)) = lines[at].clone().an_edit(dice) {
+                for line in &mut *lines {
+                    line.replace(&from, &to);
+                }
+            }
+        }
+        edit => {
+            let others: Vec<Node> = (0..4).map(|_| lines[a_line(dice, lines)].clone()).collect();
+            if edit > 7 {
+                lines[at].mutate(dice, &others);
+            } else {
+                // Most places are in lists or are lists.
+                (0..4).for_each(|_| lines[at].exchange(dice, &others));
+            }
+        }
+    }
+}
+
+fn mutant(dice: &mut Dice, whole: &Whole) -> Vec<u8> {
+    let mut lines = whole.lines.clone();
+    let as_bytes = dice.roll(8) == 0;
+    if !as_bytes {
+        for _ in 0..=dice.roll(3) {
+            edit_lines(dice, &mut lines);
+        }
+        if dice.roll(4) != 0 {
+            let mended =
+                Mended { chain: dice.roll(8) != 0, links: dice.roll(3) != 0, signatures: dice.roll(8) != 0 };
+            mend(&mut lines, &whole.keys, mended);
+        }
+    }
+    let mut bytes = written(&lines);
+    if as_bytes || dice.roll(16) == 0 {
+        edit_bytes(dice, &mut bytes);
+    }
+    bytes
+}
+
+/// `HOLDPOINT_FUZZ_RUNS` is how many mutants instead, `HOLDPOINT_FUZZ_SEED` the seed. The keys of the stores are new in each
+/// process, so a mutant that parts the verifiers is left in a file.
+#[test]
+fn mutated_exports_are_judged_the_same_by_both() {
+    let root = quick_folder();
+    let wholes: Vec<Whole> = stores(root.path())
+        .iter()
+        .map(|store| {
+            let read = |line: &String| Node::parse(line).unwrap();
+            let lines = exported(store, &root.path().join("store.jsonl")).iter().map(read).collect();
+            Whole { lines, keys: Keys::of(store), key: store.join("keys/store.pub") }
+        })
+        .collect();
+    let (seed, runs) = (asked("HOLDPOINT_FUZZ_SEED", 1), asked("HOLDPOINT_FUZZ_RUNS", 600));
+    let (started, mut found, mut parting) = (Instant::now(), BTreeMap::new(), Vec::new());
+    for (nth, first) in (0..runs).step_by(usize::try_from(TOGETHER).unwrap()).enumerate() {
+        let whole = &wholes[nth % wholes.len()];
+        let key = (nth / wholes.len() % 2 == 1).then_some(whole.key.as_path());
+        let ours_key = key.map(|path| holdpoint_approvals::keyfile::read_public(path).unwrap().0);
+        let last = runs.min(first + TOGETHER);
+        let files: Vec<PathBuf> = (first..last).map(|run| root.path().join(format!("{run}.jsonl"))).collect();
+        for (run, file) in (first..last).zip(&files) {
+            let mut dice = Dice(seed.wrapping_mul(0x0100_0000).wrapping_add(run));
+            fs::write(file, mutant(&mut dice, whole)).unwrap();
+        }
+        let theirs = python_of_all(&files, key);
+        for (at, (run, file)) in (first..last).zip(&files).enumerate() {
+            let ours = verify_export(file, ours_key.as_ref());
+            *found.entry(ours.as_ref().map_or_else(what, |_| "sound")).or_insert(0_u64) += 1;
+            if let Some(Err(problem)) = theirs.as_ref().map(|theirs| same(&ours, &theirs[at])) {
+                let left = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("parted-{seed}-{run}.jsonl"));
+                fs::copy(file, &left).unwrap();
+                parting.push(format!("seed {seed}, run {run}, {}: {problem}", left.display()));
+            }
+            fs::remove_file(file).unwrap();
+        }
+    }
+    println!("exports: seed {seed}, {runs} mutants, {found:?}, {} s", started.elapsed().as_secs());
+    let count = parting.len();
+    parting.truncate(TOLD_MAX);
+    assert!(parting.is_empty(), "{count} part the verifiers: {parting:#?}");
+    for expected in ["sound", "line", "record", "head", "end", "person", "approval"] {
+        assert!(runs < 600 || found.contains_key(expected), "no mutant is bad by its {expected}: {found:?}");
+    }
+}
+
+/// That mending mends: what was made by the program is the same afterwards.
+#[test]
+fn a_mended_export_is_sound() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    for store in stores(root.path()) {
+        let before = exported(&store, &file);
+        let mut lines: Vec<Node> = before.iter().map(|line| Node::parse(line).unwrap()).collect();
+        assert_eq!(written(&lines), fs::read(&file).unwrap(), "{store:?}");
+        let gap = lines
+            .iter()
+            .any(|line| line.is_true(&["head", "link", "gap"]) || line.is_true(&["end", "link", "gap"]));
+        let everything = Mended { chain: true, links: !gap, signatures: true };
+        mend(&mut lines, &Keys::of(&store), everything);
+        fs::write(&file, written(&lines)).unwrap();
+        verify_export(&file, Some(&public_key(&store))).unwrap();
+    }
+}

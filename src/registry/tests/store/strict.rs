@@ -1,0 +1,325 @@
+//! Exports that say what a sound one says, in other letters or with signatures that only some would take: neither verifier
+//! takes one.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use holdpoint_registry::verify_export;
+
+use crate::edits::quick_folder;
+use crate::forged::{Keys, Mended, mend};
+use crate::released::schema_1;
+use crate::support::*;
+use crate::tree::{Letters, Node};
+use crate::verifiers::{both, exported, python, script, stores};
+
+const SIGNATURES: Mended = Mended { chain: false, links: false, signatures: true };
+const EVERYTHING: Mended = Mended { chain: true, links: false, signatures: true };
+
+fn raw(text: &str) -> Node {
+    Node::Raw(text.to_owned())
+}
+
+fn text(text: &str) -> Node {
+    Node::Text(text.to_owned())
+}
+
+/// The values of an object without their names: what serde takes for a struct as well.
+fn list_of(node: &mut Node) {
+    if let Node::Object(fields) = node {
+        *node = Node::List(fields.drain(..).map(|(_, value)| value).collect());
+    }
+}
+
+fn written(lines: &[Node]) -> String {
+    lines.iter().map(|line| line.written(Letters::Ascii) + "\n").collect()
+}
+
+/// Edits something, if it is what the edit is about.
+type Edit<'a> = &'a dyn Fn(&mut Node) -> Option<()>;
+
+/// Edits the body of the first record of a kind.
+fn in_body(line: &mut Node, kind: &str, edit: Edit<'_>) -> Option<()> {
+    if line.text(&["record", "kind"])? != kind {
+        return None;
+    }
+    let mut body = Node::parse(line.text(&["record", "body"])?)?;
+    edit(&mut body)?;
+    line.set(&["record", "body"], Node::Text(body.written(Letters::All)));
+    Some(())
+}
+
+fn as_list(line: &mut Node, path: &[&str]) -> Option<()> {
+    line.at_mut(path).map(list_of)
+}
+
+fn add(line: &mut Node, path: &[&str], name: &str, value: &str) -> Option<()> {
+    let Node::Object(fields) = line.at_mut(path)? else { return None };
+    if fields.iter().any(|(field, _)| field == name) {
+        return None;
+    }
+    fields.push((name.to_owned(), raw(value)));
+    Some(())
+}
+
+fn twice(line: &mut Node, path: &[&str]) -> Option<()> {
+    let Node::Object(fields) = line.at_mut(path)? else { return None };
+    fields.push(fields.last()?.clone());
+    Some(())
+}
+
+/// The first line that is edited, once for each store in which there is one; everything is signed again.
+#[test]
+fn what_is_written_otherwise_is_taken_by_neither() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    let wholes: Vec<(Vec<Node>, Keys)> = stores(root.path())
+        .iter()
+        .map(|store| {
+            let lines = exported(store, &file).iter().map(|line| Node::parse(line).unwrap()).collect();
+            (lines, Keys::of(store))
+        })
+        .collect();
+    let edits: Vec<(&str, Edit<'_>)> = vec![
+        ("a list for the first line", &|line| as_list(line, &["export"])),
+        ("a list for a record", &|line| as_list(line, &["record"])),
+        ("a list for a head", &|line| as_list(line, &["head"])),
+        ("a list for the end", &|line| as_list(line, &["end"])),
+        ("a list for a link", &|line| as_list(line, &["head", "link"])),
+        ("a list for an approval", &|line| as_list(line, &["approval", "approval"])),
+        ("a list for what is signed of it", &|line| as_list(line, &["approval"])),
+        ("a list for an act", &|line| {
+            in_body(line, "person-enrolled", &|body| as_list(body, &["change", "act"]))
+        }),
+        ("a list for a change", &|line| in_body(line, "person-enrolled", &|body| as_list(body, &["change"]))),
+        ("a list for a body", &|line| in_body(line, "person-revoked", &|body| as_list(body, &[]))),
+        ("a list for a word", &|line| {
+            in_body(line, "witness-set", &|body| as_list(body, &["change", "act", "act"]))
+        }),
+        ("a list for a put", &|line| in_body(line, "approval-put", &|body| as_list(body, &["change"]))),
+        ("no gap", &|line| add(line, &["head", "link"], "gap", "false")),
+        ("none earlier", &|line| add(line, &["end", "link"], "earlier", "0")),
+        ("no fold", &|line| add(line, &["head"], "fold", "null")),
+        ("no link", &|line| add(line, &["head"], "link", "null")),
+        ("no emergency", &|line| add(line, &["approval", "approval"], "break_glass", "false")),
+        ("not guarded", &|line| {
+            in_body(line, "person-enrolled", &|body| add(body, &["change", "act"], "guarded", "false"))
+        }),
+        ("no word", &|line| {
+            in_body(line, "witness-set", &|body| {
+                body.at_mut(&["change", "act"]).map(|act| *act = raw("null"))
+            })
+        }),
+        ("a stray field", &|line| add(line, &["record"], "stray", "1")),
+        ("a stray field of a body", &|line| {
+            in_body(line, "approval-put", &|body| add(body, &[], "stray", "1"))
+        }),
+        ("a stray field of a rebuild", &|line| {
+            in_body(line, "store-rebuilt", &|body| add(body, &["change"], "stray", "1"))
+        }),
+        ("a field twice", &|line| twice(line, &["record"])),
+        ("a field of a body twice", &|line| in_body(line, "approval-put", &|body| twice(body, &["change"]))),
+        ("a fraction", &|line| line.at_mut(&["head", "seq"]).map(|seq| *seq = raw("1.0"))),
+        ("a power", &|line| line.at_mut(&["record", "wall_ms"]).map(|wall| *wall = raw("1e3"))),
+        ("no number", &|line| line.at_mut(&["record", "wall_ms"]).map(|wall| *wall = raw("NaN"))),
+        ("minus nothing", &|line| line.at_mut(&["record", "wall_ms"]).map(|wall| *wall = raw("-0"))),
+        ("too large", &|line| {
+            line.at_mut(&["record", "wall_ms"]).map(|wall| *wall = raw("9223372036854775808"))
+        }),
+        ("a truth for a number", &|line| line.at_mut(&["export", "version"]).map(|one| *one = raw("true"))),
+        ("a fraction in a body", &|line| {
+            in_body(line, "approval-put", &|body| {
+                body.at_mut(&["change", "row_version"]).map(|version| *version = raw("4.0"))
+            })
+        }),
+        ("other escapes", &|line| line.at_mut(&["record", "kind"]).map(|kind| *kind = raw("\"\\u0061\""))),
+        ("half a character", &|line| {
+            line.at_mut(&["record", "subject"]).map(|kind| *kind = raw("\"\\ud800\""))
+        }),
+        ("deep in a rebuild", &|line| {
+            in_body(line, "store-rebuilt", &|body| {
+                body.at_mut(&["change", "by"]).map(|by| *by = raw(&("[".repeat(100) + &"]".repeat(100))))
+            })
+        }),
+    ];
+    for (what, edit) in edits {
+        let mut tried = 0;
+        for (lines, keys) in &wholes {
+            let mut lines = lines.clone();
+            if lines.iter_mut().find_map(edit).is_none() {
+                continue;
+            }
+            tried += 1;
+            mend(&mut lines, keys, EVERYTHING);
+            fs::write(&file, written(&lines)).unwrap();
+            assert!(both(&file).is_err(), "{what}");
+        }
+        assert!(tried > 0, "{what} is nowhere");
+    }
+}
+
+#[test]
+fn other_bytes_are_taken_by_neither() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    let store = stores(root.path()).remove(0);
+    let whole = exported(&store, &file).join("\n") + "\n";
+    for (what, bytes) in [
+        ("a mark at the beginning", format!("\u{feff}{whole}")),
+        ("a blank at the beginning", format!(" {whole}")),
+        ("carriage returns", whole.replace('\n', "\r\n")),
+        ("a blank in a line", whole.replacen("\"seq\":5,", "\"seq\": 5,", 1)),
+        ("a blank behind a line", whole.replacen("}\n", "} \n", 1)),
+        ("an empty line", format!("{whole}\n")),
+        ("a word more", format!("{whole}null\n")),
+        ("an end without a line feed", format!("{whole} ")),
+        ("letters that are escapes", whole.replacen("grasp", "gr\u{e4}sp", 1)),
+        ("an escape for a letter", whole.replacen("grasp", "gr\\u0061sp", 1)),
+        ("two lines in one", whole.replacen("}\n", "} ", 1)),
+    ] {
+        fs::write(&file, bytes).unwrap();
+        assert!(both(&file).is_err(), "{what}");
+    }
+    let mut bytes = whole.into_bytes();
+    let at = bytes.windows(5).position(|five| five == b"grasp").unwrap();
+    bytes[at] = 0xff;
+    fs::write(&file, &bytes).unwrap();
+    assert!(both(&file).unwrap_err().contains("line "));
+}
+
+/// A key of mixed order and its signature over the first approval of the released store, for which the digest of the
+/// signature is a multiple of eight: who does not look at the key's order takes it, with OpenSSL as with dalek.
+const MIXED: (&str, &str) = (
+    "b392281631eb3c35c09b37c6803a41e4f7898c72ed48783796d90492d0e4ea62",
+    "fa42cb126aad8e268eec40aeb06c908831c98b28ed7f565166a265a57cacda28\
+     cae31e3ac35270c0ccabe9bcd3683f951eb41632b351524648d3def830c86501",
+);
+/// A key of small order and a signature that it makes over anything.
+const SMALL: (&str, &str) = (
+    "0100000000000000000000000000000000000000000000000000000000000000",
+    "0100000000000000000000000000000000000000000000000000000000000000\
+     0000000000000000000000000000000000000000000000000000000000000000",
+);
+
+/// The released store, whose approvals are by nobody who is on record: whoever has an editor signs them anew.
+fn released(root: &Path, file: &Path) -> (Vec<Node>, Keys) {
+    let store = schema_1(root);
+    let opened = open(&store);
+    opened.commit(transaction("one more", opened.opening().head.at_ms, Vec::new())).unwrap();
+    drop(opened);
+    let lines = exported(&store, file).iter().map(|line| Node::parse(line).unwrap()).collect();
+    (lines, Keys::of(&store))
+}
+
+#[test]
+fn signatures_by_a_key_of_small_or_mixed_order_are_taken_by_neither() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    let (lines, _) = released(root.path(), &file);
+    both(&file).unwrap();
+    for (key, signature) in [MIXED, SMALL] {
+        let mut lines = lines.clone();
+        let approval = lines.iter_mut().find_map(|line| line.at_mut(&["approval"])).unwrap();
+        approval.set(&["public_key"], text(key));
+        approval.set(&["signature"], text(signature));
+        fs::write(&file, written(&lines)).unwrap();
+        let said = both(&file).unwrap_err();
+        assert!(said.contains("its signature does not match the decision"), "{said}");
+    }
+    // The one is a signature for who looks at nothing but the equation.
+    let bytes = |digits: &str| holdpoint_approvals::keyfile::unhex::<32>(digits).unwrap();
+    let mixed = ed25519_dalek::VerifyingKey::from_bytes(&bytes(MIXED.0)).unwrap();
+    assert!(!mixed.is_weak() && !mixed.to_edwards().is_torsion_free());
+    // As the key of a whole store.
+    for (key, _) in [MIXED, SMALL] {
+        let mut lines = lines.clone();
+        lines[0].set(&["export", "public_key"], text(key));
+        fs::write(&file, written(&lines)).unwrap();
+        assert!(both(&file).unwrap_err().contains("line 1"));
+    }
+}
+
+#[test]
+fn an_approval_says_what_its_record_says_and_nothing_foreign() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    let (lines, keys) = released(root.path(), &file);
+    let mut whole = lines.clone();
+    mend(&mut whole, &keys, SIGNATURES);
+    fs::write(&file, written(&whole)).unwrap();
+    both(&file).unwrap();
+    let long = "a".repeat(4097);
+    for (field, value, expected) in [
+        ("role", text("captain"), "line "),
+        ("role", text("safety"), "not what its record tells"),
+        ("decision", text("maybe"), "line "),
+        ("profile", text("lab"), "line "),
+        ("profile", text("real"), "not what its record tells"),
+        ("version", text("align"), "line "),
+        ("version", text("align@1.2"), "line "),
+        ("version", text("align@01.2.0"), "line "),
+        ("version", text("align@1.2.0-01"), "line "),
+        ("version", text("Align@1.2.0"), "line "),
+        ("version", text("align@1.2.18446744073709551616"), "line "),
+        ("version", text("align@9.9.9"), "not what its record tells"),
+        ("who", text("eve"), "not what its record tells"),
+        ("reason", text("another"), "not what its record tells"),
+        ("reason", text(&long), "does not match the decision"),
+        ("row_version", raw("9"), "not what its record tells"),
+        ("not_after_ms", raw("18446744073709551615"), "not what its record tells"),
+        ("nonce", text("0123456789abcdef0123456789abcdef"), "no record speaks of it"),
+        ("nonce", text("ABCDEF0123456789abcdef0123456789"), "line "),
+        ("evidence_digest", text(&"0".repeat(64)), "not what its record tells"),
+    ] {
+        let mut lines = lines.clone();
+        let approval = lines.iter_mut().find_map(|line| line.at_mut(&["approval", "approval"])).unwrap();
+        approval.set(&[field], value.clone());
+        mend(&mut lines, &keys, SIGNATURES);
+        fs::write(&file, written(&lines)).unwrap();
+        let said = both(&file).err().unwrap_or_else(|| panic!("{field} {value:?} is taken"));
+        assert!(said.contains(expected), "{field} {value:?}: {said}");
+    }
+}
+
+/// Address space that Python gets, KiB: a fraction of what the files below have.
+const PYTHON_KIB: u64 = 700 * 1024;
+
+#[test]
+fn a_line_without_end_is_refused_with_little_memory() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    let store = stores(root.path()).remove(0);
+    let first = exported(&store, &file).remove(0);
+    let marks = "{\\\"a\\\":[[],[],".to_owned() + &"[],".repeat(9 << 20);
+    let (short, long) = (64 << 10, 32 << 20);
+    for (start, bytes, expected) in [
+        (String::new(), 1_u64 << 30, &*format!("more than {short} bytes")),
+        ("{\"export\":{\"format\":\"".to_owned(), 1 << 30, &format!("more than {short} bytes")),
+        (format!("{first}\n{{\"head\":{{\"store_id\":\""), 1 << 30, &format!("more than {short} bytes")),
+        (format!("{first}\n{{\"record\":[[["), 1 << 30, &format!("more than {short} bytes")),
+        (format!("{first}\n{{\"record\":{{\"seq\":"), 1 << 30, &format!("more than {long} bytes")),
+        (format!("{first}\n{{\"record\":{{\"seq\":1,\"body\":\"{marks}\"}}}}\n"), 0, "line 2"),
+    ] {
+        fs::write(&file, &start).unwrap();
+        fs::OpenOptions::new()
+            .write(true)
+            .open(&file)
+            .unwrap()
+            .set_len(bytes.max(start.len() as u64))
+            .unwrap();
+        let said = verify_export(&file, None).unwrap_err().to_string();
+        assert!(said.contains(expected), "{said}");
+        if python(&root.path().join("store.jsonl")).is_none() {
+            continue;
+        }
+        let (python, script) = script();
+        let limited = format!("ulimit -v {PYTHON_KIB}; exec \"$0\" \"$@\"");
+        let mut command = Command::new("sh");
+        command.arg("-c").arg(limited).arg(python).arg(script).arg(&file).arg("--json");
+        let output = command.output().unwrap();
+        let theirs = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{theirs}{}", String::from_utf8_lossy(&output.stderr));
+        assert!(theirs.contains(expected), "{theirs}");
+    }
+}

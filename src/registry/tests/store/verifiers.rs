@@ -1,0 +1,308 @@
+//! The history of a store in one file, and the verifier in Python that judges it as ours does.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use holdpoint_approvals::{Identity, SignedWitnessAct};
+use holdpoint_governance::approval::Role;
+use holdpoint_registry::{
+    ExportReport, Exporting, UnsignedRecords, VerifyError, add_witness, export_store, is_exported, rebuild,
+    verify, verify_export,
+};
+
+use crate::damage::rewrite;
+use crate::edits::{made, quick_folder};
+use crate::proofs::{heads, public_key};
+use crate::released::schema_1;
+use crate::support::*;
+
+/// The history of a store in one file.
+pub fn exported(folder: &Path, file: &Path) -> Vec<String> {
+    let mut bytes = Vec::new();
+    export_store(&folder.join("holdpoint.db"), Exporting::Signed, Some(&public_key(folder)), &mut bytes)
+        .unwrap();
+    fs::write(file, &bytes).unwrap();
+    String::from_utf8(bytes).unwrap().lines().map(str::to_owned).collect()
+}
+
+/// What the verifier in Python says, `None` where there is no Python with `cryptography`.
+pub fn python(file: &Path) -> Option<serde_json::Value> {
+    let answers = python_of_all(std::slice::from_ref(&file.to_owned()), None)?;
+    answers.into_iter().next()
+}
+
+/// A Python, and the verifier for it.
+pub fn script() -> (OsString, PathBuf) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/verifier/verify.py");
+    (std::env::var_os("HOLDPOINT_PYTHON").unwrap_or_else(|| "python3".into()), script)
+}
+
+/// What the verifier in Python says of each of these, asked once.
+pub fn python_of_all(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serde_json::Value>> {
+    let (python, script) = script();
+    let there = Command::new(&python).args(["-c", "import cryptography"]).output();
+    if !there.is_ok_and(|output| output.status.success()) {
+        assert!(
+            std::env::var_os("HOLDPOINT_PYTHON").is_none(),
+            "the Python that was named has no `cryptography`"
+        );
+        println!(
+            "LEFT OUT: there is no python3 with `cryptography`; the verifier in Python judges nothing here"
+        );
+        return None;
+    }
+    let mut command = Command::new(&python);
+    command.arg(script).arg("--json").args(files);
+    if let Some(key) = key {
+        command.arg("--key").arg(key);
+    }
+    let output = command.output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    let read = |line| serde_json::from_str(line).unwrap_or_else(|_| panic!("{line}{error}"));
+    let answers: Vec<serde_json::Value> = text.lines().map(read).collect();
+    assert_eq!(answers.len(), files.len(), "{error}");
+    let sound = answers.iter().all(|answer| answer["sound"] == true);
+    assert_eq!(output.status.code(), Some(i32::from(!sound)), "{error}");
+    Some(answers)
+}
+
+/// Both verifiers say the same of a file. Tells what ours says.
+pub fn both(file: &Path) -> Result<(), String> {
+    let ours = verify_export(file, None);
+    if let Some(theirs) = python(file) {
+        same(&ours, &theirs).unwrap_or_else(|problem| panic!("{problem}"));
+    }
+    ours.map(drop).map_err(|error| error.to_string())
+}
+
+/// What kind of thing is bad, as both verifiers call it.
+pub fn what(error: &VerifyError) -> &'static str {
+    match error {
+        VerifyError::Record { .. } => "record",
+        VerifyError::Checkpoint { .. } => "head",
+        VerifyError::Unsigned(_) => "end",
+        VerifyError::Approval { .. } => "approval",
+        VerifyError::Person { .. } => "person",
+        VerifyError::Line { .. } => "line",
+        other => panic!("{other}"),
+    }
+}
+
+/// Whether both say the same: sound with the same numbers, or the same kind of thing and the same record that is bad.
+pub fn same(ours: &Result<ExportReport, VerifyError>, theirs: &serde_json::Value) -> Result<(), String> {
+    let is_same = match ours {
+        Ok(report) => {
+            let mut expected = serde_json::to_value(report).unwrap();
+            expected["sound"] = true.into();
+            *theirs == expected
+        }
+        Err(error) => {
+            theirs["sound"] == false
+                && theirs["what"] == what(error)
+                && theirs["record"].as_u64() == error.record()
+        }
+    };
+    if is_same { Ok(()) } else { Err(format!("theirs: {theirs}, ours: {ours:?}")) }
+}
+
+/// An administrator confirms somebody, and answers for a witness.
+pub fn vouched(folder: &Path, witness: &Path) {
+    let store = open(folder);
+    confirm(&store, "ada");
+    let (place, head) = (witness.display().to_string(), store.views().unwrap().head().unwrap());
+    let end = (store.store_id(), head.hash);
+    let act = SignedWitnessAct::by(&administrator(&store), (&place, true), end, "a test").unwrap();
+    add_witness(&store, &place, ("{}".to_owned(), Some(Box::new(act))), 7).unwrap();
+}
+
+/// Stores with approvals, of an earlier version, and rebuilt with a gap.
+pub fn stores(root: &Path) -> Vec<PathBuf> {
+    let plain = root.join("plain");
+    made(&plain);
+    vouched(&plain, root);
+    let released = schema_1(root);
+    let store = open(&released);
+    store.commit(transaction("one more", store.opening().head.at_ms, Vec::new())).unwrap();
+    drop(store);
+    let mended = root.join("mended");
+    made(&mended);
+    fs::remove_file(&heads(&mended)[1].0).unwrap();
+    let connection = rusqlite::Connection::open(mended.join("holdpoint.db")).unwrap();
+    let sql = "SELECT 'DROP TRIGGER ' || name || ';' FROM sqlite_schema WHERE type = 'trigger'";
+    let drops: Vec<String> = connection
+        .prepare(sql)
+        .unwrap()
+        .query_map([], |row| row.get(0))
+        .unwrap()
+        .map(Result::unwrap)
+        .collect();
+    connection.execute_batch(&drops.concat()).unwrap();
+    connection.execute_batch("UPDATE approval SET signed = '{}'").unwrap();
+    drop(connection);
+    unless_in_use(|| rebuild(&mended, UnsignedRecords::Refuse, "{}", 7)).unwrap().unwrap();
+    vec![plain, released, mended]
+}
+
+#[test]
+fn an_exported_store_is_sound_for_both_verifiers() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    for store in stores(root.path()) {
+        let lines = exported(&store, &file);
+        assert!(is_exported(&file) && !is_exported(&store.join("holdpoint.db")));
+        both(&file).unwrap_or_else(|problem| panic!("{store:?}: {problem}"));
+        let report = verify_export(&file, Some(&public_key(&store))).unwrap();
+        let whole = verify(&store.join("holdpoint.db"), Some(&public_key(&store))).unwrap();
+        assert_eq!((report.records, report.head, report.root), (whole.records, whole.head, whole.root));
+        assert_eq!((report.heads, report.approvals), (whole.checkpoints + 1, whole.approvals));
+        assert!(lines.iter().all(|line| line.bytes().all(|byte| (b' '..=b'~').contains(&byte))));
+    }
+    let other = holdpoint_approvals::keyfile::generate().unwrap().verifying_key();
+    assert!(verify_export(&file, Some(&other)).unwrap_err().to_string().contains("another public key"));
+}
+
+#[test]
+fn a_damaged_export_is_judged_the_same_by_both() {
+    let root = quick_folder();
+    let (store, file) = (root.path().join("store"), root.path().join("store.jsonl"));
+    made(&store);
+    let lines = exported(&store, &file);
+    let at = |start: &str| lines.iter().position(|line| line.starts_with(start)).unwrap();
+    let (head, end, record, approval) =
+        (at("{\"head\""), at("{\"end\""), at("{\"record\""), at("{\"approval\""));
+    type Edit<'a> = Box<dyn Fn(&mut Vec<String>) + 'a>;
+    type Damage<'a> = (&'a str, Edit<'a>, &'a str);
+    let replaced = |line: usize, from: &'static str, to: &'static str| -> Edit<'static> {
+        Box::new(move |lines| {
+            assert!(lines[line].contains(from), "{}", lines[line]);
+            lines[line] = lines[line].replacen(from, to, 1);
+        })
+    };
+    let damages: Vec<Damage<'_>> = vec![
+        ("a record's text", replaced(record + 4, "{}", "{ }"), "audit record 5 is bad"),
+        ("a record's number", replaced(record + 4, "\"seq\":5", "\"seq\":6"), "audit record 5 is bad"),
+        ("a record's time", replaced(record + 6, "\"at_ms\":1", "\"at_ms\":0"), "audit record 7 is bad"),
+        ("a record gone", Box::new(|lines| drop(lines.remove(record + 9))), "audit record 10 is bad"),
+        (
+            "a record twice",
+            Box::new(|lines| lines.insert(record + 3, lines[record + 2].clone())),
+            "audit record 4",
+        ),
+        ("two changed round", Box::new(|lines| lines.swap(record + 1, record + 2)), "audit record 2 is bad"),
+        ("the last gone", Box::new(|lines| drop(lines.remove(approval - 1))), "is missing; the file is said"),
+        ("a head gone", Box::new(|lines| drop(lines.remove(head + 1))), "is missing"),
+        ("a head edited", replaced(head, "\"at_ms\":1", "\"at_ms\":2"), "does not match the public key"),
+        ("a tree edited", replaced(end, "\"root\":\"", "\"fold\":\""), "not as it was written"),
+        ("no end", Box::new(|lines| drop(lines.remove(end))), "nobody signed where"),
+        (
+            "a head for the end",
+            Box::new(|lines| lines[end] = lines[head].replace("head\":{", "end\":{")),
+            "nobody signed",
+        ),
+        ("an approval gone", Box::new(|lines| drop(lines.remove(approval))), "it is missing"),
+        ("an approval twice", Box::new(|lines| lines.push(lines[approval].clone())), "it is there twice"),
+        ("an approval edited", replaced(approval, "\"seen\"", "\"Seen\""), "does not match the decision"),
+        (
+            "another's approval",
+            replaced(approval, "\"who\":\"ada\"", "\"who\":\"bob\""),
+            "does not match the decision",
+        ),
+        ("not JSON", replaced(record + 2, "{", "["), "line"),
+        ("a line of nothing", Box::new(|lines| lines.insert(record, "{}".to_owned())), "line"),
+        (
+            "a second first line",
+            Box::new(|lines| lines.insert(record, lines[0].clone())),
+            "does not belong here",
+        ),
+        ("heads at the end", Box::new(|lines| lines.push(lines[head].clone())), "does not belong here"),
+        ("another form", replaced(0, "\"version\":1", "\"version\":2"), "line 1"),
+        ("another store", replaced(0, "\"store_id\":\"", "\"store_id\":\"a"), "the person \"admin\" is bad"),
+        ("fewer records", replaced(0, "\"records\":", "\"records\":1"), "is missing; the file is said"),
+    ];
+    for (what, damage, expected) in damages {
+        let mut lines = lines.clone();
+        damage(&mut lines);
+        fs::write(&file, lines.join("\n") + "\n").unwrap();
+        let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
+        assert!(said.contains(expected), "{what}: {said}");
+    }
+    fs::write(&file, lines.join("\n")).unwrap();
+    assert!(both(&file).unwrap_err().contains("cut short"));
+    fs::write(&file, "").unwrap();
+    assert!(both(&file).unwrap_err().contains("line 1"));
+}
+
+/// Whoever can write the records and has the store's key cannot make anybody a person: the acts are signed by others.
+#[test]
+fn persons_and_who_approved_are_judged_by_both() {
+    let root = quick_folder();
+    let file = root.path().join("store.jsonl");
+    let body = |from: &str, to: &str, which: &str| {
+        format!("UPDATE audit SET body = replace(body, '{from}', '{to}') WHERE seq = ({which})")
+    };
+    let of =
+        |name: &str| format!("SELECT seq FROM audit WHERE kind = 'person-enrolled' AND subject = '{name}'");
+    let of_kind = |kind: &str| format!("SELECT seq FROM audit WHERE kind = '{kind}'");
+    let put = "SELECT min(seq) FROM audit WHERE kind = 'approval-put'";
+    for (what, edit, expected) in [
+        ("a reason", body("a test", "no test", &of("ada")), "the person \"ada\" is bad"),
+        (
+            "a role",
+            body("\"role\":\"operator\"", "\"role\":\"safety\"", &of("ada")),
+            "the person \"ada\" is bad",
+        ),
+        ("a signer", body("\"by\":\"admin\"", "\"by\":\"ada\"", &of("ada")), "the person \"ada\" is bad"),
+        (
+            "a confirmation",
+            body("\"guarded\":true,", "", &of_kind("person-confirmed")),
+            "the person \"ada\" is bad",
+        ),
+        ("who confirmed", body("admin", "ada", &of_kind("person-confirmed")), "the person"),
+        ("a witness", body("a test", "no test", &of_kind("witness-set")), "the person \"admin\" is bad"),
+        ("whose witness", body("admin", "ada", &of_kind("witness-set")), "the person \"ada\" is bad"),
+        (
+            "which witness",
+            body("\"present\":true", "\"present\":false", &of_kind("witness-set")),
+            "the person",
+        ),
+        ("an unknown giver", body("\"who\":\"ada\"", "\"who\":\"zoe\"", put), "was not enrolled then"),
+        (
+            "left out",
+            format!("UPDATE audit SET kind = 'decision' WHERE seq = ({})", of("ada")),
+            "does not follow",
+        ),
+    ] {
+        let store = root.path().join(what);
+        made(&store);
+        vouched(&store, root.path());
+        rewrite(&store, &edit);
+        export_store(
+            &store.join("holdpoint.db"),
+            Exporting::Unchecked,
+            Some(&public_key(&store)),
+            &mut fs::File::create(&file).unwrap(),
+        )
+        .unwrap();
+        let said = both(&file).err().unwrap_or_else(|| panic!("{what} is not found"));
+        assert!(said.contains(expected), "{what}: {said}");
+        // Nor is it written out as a history that was signed.
+        let refused = export_store(&store.join("holdpoint.db"), Exporting::Signed, None, &mut Vec::new());
+        assert!(refused.unwrap_err().to_string().contains("history was rewritten"));
+    }
+    // The same decision under the same name, signed by somebody else's key.
+    let store = root.path().join("another key");
+    made(&store);
+    let mut lines = exported(&store, &file);
+    let line = lines.iter_mut().find(|line| line.starts_with("{\"approval\"")).unwrap();
+    let value: serde_json::Value = serde_json::from_str(line).unwrap();
+    let approval = serde_json::from_value(value["approval"]["approval"].clone()).unwrap();
+    fs::create_dir(root.path().join("others")).unwrap();
+    let other = Identity::create(&root.path().join("others"), "ada", Role::Operator);
+    let signed = other.unwrap().sign(approval).unwrap();
+    *line = format!("{{\"approval\":{}}}", serde_json::to_string(&signed).unwrap());
+    fs::write(&file, lines.join("\n") + "\n").unwrap();
+    assert!(both(&file).unwrap_err().contains("another key than that of who gave it"));
+}
