@@ -7,9 +7,10 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::StoppedView;
-use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_registry::{AuditFilter, Layout, StoreError, Views};
 use holdpoint_text::{Hint, is_visible};
 use serde::{Deserialize, Serialize};
+use std::time::{Duration, Instant};
 
 use crate::caller;
 use crate::operations::REASON_BYTES_MAX;
@@ -49,9 +50,43 @@ pub(crate) fn stop(record: &mut Record, world: &mut LiveWorld, asked: AskedStop)
     }
 }
 
+/// How long it is waited until a stop that could not be put on record is tried again.
+const AGAIN_AFTER: Duration = Duration::from_secs(10);
+
+/// Stops that are in force and not on record, for the store could not be written.
+#[derive(Default)]
+pub(crate) struct UnwrittenStops {
+    /// The bodies of their records.
+    bodies: Vec<String>,
+    tried: Option<Instant>,
+}
+
+/// Puts what could not be put on record there after all. Until then the first of it lies beside the database, where the
+/// next engine finds it.
+pub(crate) fn write_again(record: &mut Record, world: &mut LiveWorld) -> Result<(), StoreError> {
+    while let Some(body) = world.unwritten.bodies.first().cloned() {
+        world.unwritten.tried = Some(Instant::now());
+        record.note(RecordKind::CellStopped, String::new(), body)?;
+        world.unwritten.bodies.remove(0);
+    }
+    record.ledger().store().layout().unmark_stop();
+    Ok(())
+}
+
+/// The stop that an earlier engine could not put on record, to be asked for once more.
+pub(crate) fn marked(layout: &Layout) -> Option<AskedStop> {
+    let text = layout.marked_stop()?;
+    let StopOnRecord { by, caller, reason } = StopOnRecord::read(&text);
+    Some(AskedStop { id: "unrecorded".to_owned(), by, reason, caller })
+}
+
 /// Puts every stop on record that was asked for on any thread; the first one is who stopped the cell.
 pub(crate) fn take_in(record: &mut Record, world: &mut LiveWorld) -> Result<(), StoreError> {
+    let rests = |tried: Instant| tried.elapsed() < AGAIN_AFTER;
     let mut written = Ok(());
+    if !world.unwritten.bodies.is_empty() && !world.unwritten.tried.is_some_and(rests) {
+        written = write_again(record, world);
+    }
     while let Some(asked) = world.switch().take_asked() {
         written = written.and(note(record, world, asked));
     }
@@ -73,7 +108,23 @@ fn note(record: &mut Record, world: &mut LiveWorld, asked: AskedStop) -> Result<
         since_ms: record.now_ms(),
         stood_after_ticks: None,
     });
-    record.note(RecordKind::CellStopped, String::new(), body)
+    let written = if world.unwritten.bodies.is_empty() {
+        record.note(RecordKind::CellStopped, String::new(), body.clone())
+    } else {
+        // In their order.
+        Err(StoreError::Unknown)
+    };
+    let layout = record.ledger().store().layout();
+    match &written {
+        Ok(()) => layout.unmark_stop(),
+        Err(_) => {
+            // Where nothing at all can be written, the arm is stopped as long as this engine lives.
+            drop(layout.mark_stop(world.unwritten.bodies.first().unwrap_or(&body)));
+            world.unwritten.bodies.push(body);
+            world.unwritten.tried = Some(Instant::now());
+        }
+    }
+    written
 }
 
 /// Tells, once, that the stopped arm stands.
@@ -107,6 +158,7 @@ pub(crate) fn go(
             format!("a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
         return refuse(Refusal::BadInput, &text);
     }
+    write_again(record, world)?;
     let body = serde_json::json!({ "by": by, "caller": caller, "reason": reason }).to_string();
     record.note(RecordKind::CellReleased, String::new(), body)?;
     if !world.switch().release() {
@@ -118,7 +170,7 @@ pub(crate) fn go(
     Ok(Reply::Accepted { text: "the cell works again".to_owned(), version: None })
 }
 
-/// A stop that nobody has ended, from the chain: the first after the last go.
+/// A stop that nobody has ended: the first after the last go in the chain, or the one beside it that is on no record.
 ///
 /// # Errors
 /// If the store cannot be read.
@@ -132,18 +184,25 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
     let from_seq = views.audit(&newest)?.first().map_or(0, |record| record.seq);
     let first =
         AuditFilter { from_seq, kind: Some(RecordKind::CellStopped), limit: 1, ..AuditFilter::default() };
-    let Some(found) = views.audit(&first)?.into_iter().next() else { return Ok(None) };
-    // What cannot be read is a stop by somebody: uncertain means stopped.
-    let kept = serde_json::from_str(&found.body).unwrap_or(StopOnRecord {
-        by: String::new(),
-        caller: Caller::Script,
-        reason: String::new(),
-    });
-    Ok(Some(StoppedView {
-        by: kept.by,
-        caller: kept.caller,
-        reason: kept.reason,
-        since_ms: found.at_ms,
-        stood_after_ticks: Some(0),
-    }))
+    let Some(found) = views.audit(&first)?.into_iter().next() else {
+        let marked = views.folder().and_then(|folder| Layout::new(folder).marked_stop());
+        return Ok(marked.map(|text| StopOnRecord::read(&text).view(0)));
+    };
+    Ok(Some(StopOnRecord::read(&found.body).view(found.at_ms)))
+}
+
+impl StopOnRecord {
+    /// What cannot be read is a stop by somebody: uncertain means stopped.
+    fn read(text: &str) -> Self {
+        serde_json::from_str(text).unwrap_or(Self {
+            by: String::new(),
+            caller: Caller::Script,
+            reason: String::new(),
+        })
+    }
+
+    fn view(self, since_ms: u64) -> StoppedView {
+        let Self { by, caller, reason } = self;
+        StoppedView { by, caller, reason, since_ms, stood_after_ticks: Some(0) }
+    }
 }

@@ -164,6 +164,9 @@ impl Pipeline {
         if let Some(halted) = halt::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.stay_halted(halted);
         }
+        if let Some(asked) = halt::marked(pipeline.record.ledger().store().layout()) {
+            pipeline.world.switch().halt(asked);
+        }
         if let Some(goal) = goal::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.cell.set_goal(goal);
         }
@@ -585,6 +588,9 @@ impl Pipeline {
     pub(crate) fn end(&mut self) {
         self.world.stop();
         self.collect_sequence(true);
+        self.take_in_halt();
+        // What cannot be written lies beside the database, for the next engine.
+        drop(halt::write_again(&mut self.record, &mut self.world));
         if self.record.holding().is_none()
             && let Err(fault) = resume::end(&self.context, &mut self.record, &mut self.resumptions)
         {

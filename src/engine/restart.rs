@@ -253,3 +253,6 @@ fn conditions_in_force(
     }
     conditions
 }
+
+#[cfg(test)]
+mod tests;

@@ -39,7 +39,7 @@ use crate::world::switch::Controls;
 use crate::{Config, Engine, StartError};
 use holdpoint_text::Hint;
 
-fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
+pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     let profile = Profile::builtin(profile).unwrap();
     let store = Store::open(folder).unwrap();
     let clock = Clock::scripted(store.opening().head.at_ms);
@@ -69,7 +69,7 @@ fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
     })
 }
 
-fn accepted(reply: &Reply) {
+pub(crate) fn accepted(reply: &Reply) {
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
@@ -224,7 +224,7 @@ fn what_was_tried_beside_others_is_stale() {
 }
 
 /// Kappas that every limit is passed with, so that nothing but what is tested can stop a candidate at the gate.
-fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
+pub(crate) fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
     shadowed(pipeline, PolicyOutcome::Compatible, Vec::new())
 }
 
@@ -398,9 +398,8 @@ fn compatible<O>(outcome: O) -> Assessment<O> {
     Assessment { outcome, kappa, basis: Basis::Measured, reasons: Vec::new(), conditions: Vec::new() }
 }
 
-/// A candidate for which people are asked under these conditions, without its evaluation: what is tested comes after
+/// A candidate that the gate asks people about under these conditions, without its evaluation: what is tested comes after
 /// that.
-/// A candidate that people are asked about by the gate.
 pub(crate) fn asked(
     pipeline: &mut Pipeline,
     policy: PolicyOutcome,
@@ -448,72 +447,6 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
     let evidence = Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Shadow, json, digest };
     live.record.write(vec![evidence], Vec::new()).unwrap();
     id
-}
-
-#[test]
-fn a_question_is_open_after_a_restart_with_the_answers_given() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut first = pipeline(folder.path(), ProfileName::Human);
-    // A review takes two people.
-    asked(&mut first, PolicyOutcome::Review, Vec::new());
-    let mut before = first.snapshot().prompts;
-    let ana = enrolled(first.live().record, "ana", Role::Engineer, Keep::Plain);
-    let answer = before[0].answer(&ana, Answer::Approve, "evidence read", None).unwrap();
-    accepted(&first.command(answer));
-    before[0].approved_by = vec!["ana".to_owned()];
-    assert!(before[0].needed > 1, "one answer is not enough");
-    assert_eq!(first.snapshot().prompts, before);
-    drop(first);
-
-    let mut second = pipeline(folder.path(), ProfileName::Human);
-    let after = second.snapshot().prompts;
-    // Until when a decision signed now is good is told anew.
-    before[0].valid_until_ms = after[0].valid_until_ms;
-    assert_eq!(after, before);
-    let events = second.drain_events();
-    assert!(!events.iter().any(|event| matches!(event, EventKind::ApprovalRequested { .. })), "{events:?}");
-    drop(second);
-    // Under another profile it is another question.
-    let third = pipeline(folder.path(), ProfileName::Real);
-    assert!(third.snapshot().prompts.is_empty());
-}
-
-/// What the gate adds to what the stages ask for is in no stage's evidence: who decides after a restart is shown it all
-/// the same, and it is what takes effect.
-#[test]
-fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut first = pipeline(folder.path(), ProfileName::Human);
-    let id = at_the_gate(&mut first);
-    for _ in 0..4 {
-        first.advance();
-    }
-    let shown = |pipeline: &Pipeline| {
-        let snapshot = pipeline.snapshot();
-        let conditions =
-            snapshot.candidates.iter().find(|one| one.version == id).map(|one| one.conditions.clone());
-        let (prompt, answers) = (snapshot.prompts[0].clone(), conditions.unwrap());
-        (prompt.on_drift, prompt.untested, answers)
-    };
-    let before = shown(&first);
-    assert!(before.2.contains(&Condition::RollbackCoupled), "{before:?}");
-    drop(first);
-    assert_eq!(shown(&pipeline(folder.path(), ProfileName::Human)), before);
-}
-
-#[test]
-fn a_question_that_a_condition_asks_is_open_after_a_restart() {
-    for (profile, quorum) in [(ProfileName::Sim, 2), (ProfileName::Human, 3)] {
-        let folder = tempfile::tempdir().unwrap();
-        let mut first = pipeline(folder.path(), profile);
-        asked(&mut first, PolicyOutcome::Conditional, vec![Condition::ApprovalRequired { quorum }]);
-        let mut before = first.snapshot().prompts;
-        assert_eq!(before[0].needed, u32::from(quorum));
-        drop(first);
-        let after = pipeline(folder.path(), profile).snapshot().prompts;
-        before[0].valid_until_ms = after.first().map_or(0, |prompt| prompt.valid_until_ms);
-        assert_eq!(after, before, "{profile:?}");
-    }
 }
 
 /// The paper's seven calls, each by its name on an engine that a program holds, and nothing that they do not ask for.

@@ -30,6 +30,7 @@ use self::sequence::Stopped;
 use self::switch::Switch;
 use self::thread::LiveThread;
 use crate::cell::Cell;
+use crate::halt::UnwrittenStops;
 
 /// Sequences whose success is kept for display.
 const RECENT: usize = 50;
@@ -47,6 +48,7 @@ pub struct LiveWorld {
     pub(crate) stopped: Option<Stopped>,
     /// Who stopped the cell, while it is stopped.
     pub(crate) halted: Option<StoppedView>,
+    pub(crate) unwritten: UnwrittenStops,
     recent: VecDeque<bool>,
     last_tasks: Vec<TaskSummary>,
 }
@@ -65,6 +67,7 @@ impl LiveWorld {
             pictures: None,
             stopped: None,
             halted: None,
+            unwritten: UnwrittenStops::default(),
             recent: VecDeque::new(),
             last_tasks: Vec::new(),
         })

@@ -147,7 +147,7 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: MadeUnder) -> Decis
         rollback_when: "nothing is active: leaving the stage leaves the active version untouched".into(),
         deployment: Some(words(outcome).deployability),
     };
-    Decision::new(outcome, reasons, answers, made_under)
+    Decision::new(outcome, reasons, answers, &made_under)
 }
 
 /// `Psi` at the end of shadow: the deployment outcome is what shadow leaves of it.

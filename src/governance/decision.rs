@@ -158,9 +158,9 @@ impl<O> Decision<O> {
         outcome: O,
         reasons: Vec<Reason>,
         answers: Answers,
-        made_under: MadeUnder,
+        made_under: &MadeUnder,
     ) -> Self {
-        Self { outcome, reasons, answers, made_under }
+        Self { outcome, reasons, answers, made_under: *made_under }
     }
 
     /// What was decided, in the words of the rule that decided.

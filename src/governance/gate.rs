@@ -551,7 +551,7 @@ impl GateFindings {
             made_under: input.made_under,
             expires_s: self.expires_s,
         });
-        GateResult { decision: Decision::new(outcome, reasons, answers, input.made_under), passed }
+        GateResult { decision: Decision::new(outcome, reasons, answers, &input.made_under), passed }
     }
 }
 

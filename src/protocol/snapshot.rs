@@ -346,6 +346,9 @@ pub struct PromptView {
     /// The whole difference to the active version.
     #[serde(default)]
     pub changes: Changes,
+    /// What it would be let in under, one sentence each.
+    #[serde(default)]
+    pub conditions: Vec<String>,
     /// What was not tested, one sentence each.
     pub untested: Vec<String>,
     /// What happens when it gets worse after activation, one sentence.

@@ -6,8 +6,8 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use rusqlite::{Connection, Row};
-use serde::Deserialize;
 use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
 
 use super::audit::{self, Head, head};
 use super::merkle::Frontier;
@@ -75,6 +75,16 @@ pub(crate) struct Vouched {
     pub(crate) seq: u64,
 }
 
+/// What the chain says of the cell's stop: records, 0 for none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CellStop {
+    /// The last that let the cell work again.
+    pub(crate) released: u64,
+    /// The first stop since.
+    pub(crate) stopped: u64,
+}
+
 /// The parts of a fold that a snapshot keeps.
 pub(crate) struct FoldParts<'a> {
     pub(crate) end: Head,
@@ -84,6 +94,7 @@ pub(crate) struct FoldParts<'a> {
     pub(crate) telemetry: &'a TelemetryAccount,
     pub(crate) tree: &'a Frontier,
     pub(crate) witnesses: &'a BTreeSet<String>,
+    pub(crate) cell: CellStop,
 }
 
 /// What the chain says.
@@ -104,6 +115,7 @@ pub(crate) struct Fold {
     indexes: Option<IndexSums>,
     /// The kind of the last record that was read, with what it is to the fold.
     last_kind: (String, Option<RecordKind>),
+    cell: CellStop,
     /// The tree over all records, those before `since` included; it follows once records were read.
     tree: Frontier,
     /// Folders that get every checkpoint.
@@ -200,6 +212,7 @@ impl Fold {
             roots: BTreeMap::new(),
             indexes: None,
             last_kind: (String::new(), None),
+            cell: CellStop::default(),
             taken_unsigned: Vec::new(),
             batches: Vec::new(),
             telemetry: TelemetryAccount::none(),
@@ -351,6 +364,7 @@ impl Fold {
             telemetry: &self.telemetry,
             tree: &self.tree,
             witnesses: &self.witnesses,
+            cell: self.cell,
         }
     }
 
@@ -360,7 +374,7 @@ impl Fold {
         rows: BTreeMap<RowName, Vouched>,
         states: BTreeMap<String, (State, u64)>,
         order: Vec<String>,
-        (telemetry, tree, witnesses): (TelemetryAccount, Frontier, BTreeSet<String>),
+        (telemetry, tree, witnesses, cell): (TelemetryAccount, Frontier, BTreeSet<String>, CellStop),
     ) -> Self {
         Self {
             end,
@@ -376,10 +390,16 @@ impl Fold {
             roots: BTreeMap::new(),
             indexes: None,
             last_kind: (String::new(), None),
+            cell,
             taken_unsigned: Vec::new(),
             batches: Vec::new(),
             telemetry,
         }
+    }
+
+    /// What it says of the cell's stop.
+    pub(crate) const fn cell(&self) -> CellStop {
+        self.cell
     }
 
     /// What it says of telemetry.
@@ -438,11 +458,13 @@ impl Fold {
         }
         // Most records are of the kind of the one before.
         if self.last_kind.0 != record.kind {
-            let own = record.kind.parse().ok().filter(|kind| is_own(*kind));
-            self.last_kind = (record.kind.to_owned(), own);
+            self.last_kind = (record.kind.to_owned(), record.kind.parse().ok());
         }
-        if let Some(kind) = self.last_kind.1 {
-            self.fold_body(record.seq, kind, record.body)?;
+        match self.last_kind.1 {
+            Some(kind) if is_own(kind) => self.fold_body(record.seq, kind, record.body)?,
+            Some(RecordKind::CellStopped) if self.cell.stopped == 0 => self.cell.stopped = record.seq,
+            Some(RecordKind::CellReleased) => self.cell = CellStop { released: record.seq, stopped: 0 },
+            Some(_) | None => {}
         }
         self.end = Head { seq: record.seq, hash: record.hash, at_ms: record.at_ms };
         self.hashes.push(record.hash);

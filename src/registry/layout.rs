@@ -9,6 +9,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use super::error::StoreError;
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
 
+/// The longest text of a stop that is kept beside the database, bytes.
+const STOP_BYTES_MAX: u64 = 64 * 1024;
+
 /// The paths of one store.
 #[derive(Clone, Debug)]
 pub struct Layout {
@@ -92,6 +95,34 @@ impl Layout {
     #[must_use]
     pub fn logs(&self) -> PathBuf {
         self.folder.join("logs")
+    }
+
+    /// A person's stop of the cell that could not be put on record. Whatever lies there stops the next engine.
+    #[must_use]
+    pub fn stop_mark(&self) -> PathBuf {
+        self.folder.join("stop.unrecorded")
+    }
+
+    /// Keeps a stop beside the database, until it is on record.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn mark_stop(&self, text: &str) -> Result<(), StoreError> {
+        write_atomically(&self.stop_mark(), text.as_bytes())
+    }
+
+    /// The stop that is kept, as it was written; empty if there is one that cannot be read. `None`: there is none.
+    #[must_use]
+    pub fn marked_stop(&self) -> Option<String> {
+        let path = self.stop_mark();
+        fs::symlink_metadata(&path).ok()?;
+        Some(holdpoint_text::file::read_text(&path, STOP_BYTES_MAX).unwrap_or_default())
+    }
+
+    /// The stop is on record.
+    pub fn unmark_stop(&self) {
+        // What cannot be removed stops the next engine, too: it can be let go.
+        drop(fs::remove_file(self.stop_mark()));
     }
 
     /// Makes the folders that are missing, only for their owner.
@@ -194,7 +225,10 @@ impl EngineLock {
 }
 
 /// Who has a store, `None` if nobody has. A lock that this takes to see it is given back at once.
-pub(crate) fn lock_owner(layout: &Layout) -> Result<Option<String>, StoreError> {
+///
+/// # Errors
+/// If the store's folder cannot be looked at.
+pub fn lock_owner(layout: &Layout) -> Result<Option<String>, StoreError> {
     let folder = File::open(layout.folder()).map_err(StoreError::io("open", layout.folder()))?;
     match folder.try_lock_shared() {
         Ok(()) => {

@@ -79,7 +79,7 @@ pub use exported::{ExportReport, Exporting, export_store, is_exported, verify_ex
 pub use info::{Looked, StoreInfo, check_store, store_info};
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use kept::{Found, KeptCells, KeptSecret};
-pub use layout::{Layout, size, utc};
+pub use layout::{Layout, lock_owner, size, utc};
 pub use lost::{DifferingRow, Rebuilt};
 pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, prove_record};
 pub use rebuild::{UnsignedRecords, rebuild};

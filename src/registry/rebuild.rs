@@ -36,6 +36,7 @@ use super::open::{
     unsigned_records_refused,
 };
 use super::replay::{NotApplied, replay};
+use super::row_limit;
 use super::rows::{ChainedTable, RowName, differing_columns, row_digest};
 use super::signed;
 use super::structure;
@@ -77,6 +78,7 @@ pub fn rebuild(
     let secret = layout.store_key();
     let key = keyfile::read_secret(&secret).map_err(|source| StoreError::Key { path: secret, source })?;
     let damaged_store = open_reader(&database, &STORE)?;
+    row_limit::lift(&damaged_store).map_err(StoreError::sql("read the damaged database"))?;
     let fold = checked_records(&damaged_store, &database)?;
     let kept = kept_checkpoints(&layout)?;
     let store_id = match kept.last() {
@@ -116,6 +118,7 @@ pub fn rebuild(
     let part = database.with_extension("rebuilt");
     remove_database(&part)?;
     let mut made = make(&part, &STORE)?;
+    row_limit::lift(&made).map_err(StoreError::sql("write the rebuilt database"))?;
     let kept_as = free_name(&layout, fold.end())?;
     let told = ToldOfRebuild { by: asked_by, problem, kept_as: file_name(&kept_as), unsigned };
     let rebuilt = fill(&mut made, &damaged_store, &fold, (&store_id, told), wall_ms);

@@ -17,6 +17,12 @@ pub(crate) fn set(connection: &Connection) -> rusqlite::Result<()> {
     connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, ROW_BYTES_MAX).map(drop)
 }
 
+/// Has a connection read and write what SQLite itself allows: for a rebuild, which puts other rows in the place of those
+/// that are too long and takes the memory that they need.
+pub(crate) fn lift(connection: &Connection) -> rusqlite::Result<()> {
+    connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, i32::MAX).map(drop)
+}
+
 /// Whether a row was not read because of its length.
 pub(crate) fn is_reached(error: &rusqlite::Error) -> bool {
     error.sqlite_error_code() == Some(ErrorCode::TooBig)

@@ -18,7 +18,7 @@ use sha2::{Digest as _, Sha256};
 use super::audit::Head;
 use super::checkpoint::{self, Checkpoint};
 use super::error::StoreError;
-use super::fold::{Fold, FoldParts, Vouched};
+use super::fold::{CellStop, Fold, FoldParts, Vouched};
 use super::layout::write_atomically;
 use super::merkle::Frontier;
 use super::rows::ChainedTable;
@@ -28,7 +28,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_text::file::{NO_LINK, regular};
 
 /// Domain tag of a snapshot's digest.
-const DOMAIN: &str = "holdpoint/fold-snapshot/v2";
+const DOMAIN: &str = "holdpoint/fold-snapshot/v3";
 /// Records between two snapshots; a chain that is shorter is read as a whole.
 pub(crate) const EVERY_RECORDS: u64 = 32_768;
 /// The largest snapshot that is written or read, bytes.
@@ -51,6 +51,7 @@ struct File {
     telemetry: TelemetryAccount,
     tree: Frontier,
     witnesses: BTreeSet<String>,
+    cell: CellStop,
 }
 
 /// Writes a snapshot and removes the earlier ones. Tells its digest, which a checkpoint has to cover; `None` if it
@@ -59,7 +60,7 @@ struct File {
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreError> {
-    let FoldParts { end, rows, states, order, telemetry, tree, witnesses } = fold.parts();
+    let FoldParts { end, rows, states, order, telemetry, tree, witnesses, cell } = fold.parts();
     let file = File {
         seq: end.seq,
         hash: end.hash,
@@ -73,6 +74,7 @@ pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreE
         telemetry: telemetry.clone(),
         tree: tree.clone(),
         witnesses: witnesses.clone(),
+        cell,
     };
     let bytes =
         serde_json::to_vec(&file).map_err(|error| StoreError::invalid("fold snapshot", end.seq, error))?;
@@ -119,7 +121,13 @@ pub(crate) fn read(
         rows.insert((ChainedTable::named(&table)?, key), Vouched { digest, seq });
     }
     let states = file.states.into_iter().map(|(name, state, version)| (name, (state, version))).collect();
-    Some(Fold::from_parts(end, rows, states, file.order, (file.telemetry, file.tree, file.witnesses)))
+    Some(Fold::from_parts(
+        end,
+        rows,
+        states,
+        file.order,
+        (file.telemetry, file.tree, file.witnesses, file.cell),
+    ))
 }
 
 /// A file's bytes, if they are those that were signed: they are looked at piece by piece before as many are loaded.

@@ -8,10 +8,10 @@ use std::path::Path;
 
 use rusqlite::Connection;
 
-use super::fold::Fold;
+use super::fold::{CellStop, Fold};
 use super::open::open_beside;
 use super::row_limit;
-use holdpoint_governance::record::RecordRef;
+use holdpoint_governance::record::{RecordKind, RecordRef};
 
 /// The table of the chain: nearly all of a store's file.
 const CHAIN: &str = "audit";
@@ -24,6 +24,7 @@ const CHAIN_INDEXES: [(&str, &str); 2] = [("audit_subject", "subject"), ("audit_
 /// # Errors
 /// What is wrong, in SQLite's words.
 pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(), String> {
+    check_cell(connection, fold)?;
     // Pages that are free are looked at with the whole file alone.
     if fold.since() == 0 || has_free_pages(connection).map_err(unreadable)? {
         return whole_file(connection);
@@ -42,6 +43,24 @@ pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(),
         }
     }
     Ok(())
+}
+
+/// A stop of the cell is found by the kind of its record: what the index has of such records is what the chain says.
+fn check_cell(connection: &Connection, fold: &Fold) -> Result<(), String> {
+    let number = |sql: &str, after: u64| -> Result<u64, String> {
+        let found = connection.query_row(sql, [after], |row| row.get::<_, Option<u64>>(0));
+        found.map(Option::unwrap_or_default).map_err(unreadable)
+    };
+    let by_kind = |which: &str, kind: RecordKind| {
+        let kind = kind.name();
+        format!("SELECT {which}(seq) FROM audit INDEXED BY audit_kind WHERE kind = '{kind}' AND seq > ?1")
+    };
+    let released = number(&by_kind("max", RecordKind::CellReleased), 0)?;
+    let stopped = number(&by_kind("min", RecordKind::CellStopped), released)?;
+    if fold.cell() == (CellStop { released, stopped }) {
+        return Ok(());
+    }
+    Err("the index \"audit_kind\" is not what its table holds".to_owned())
 }
 
 /// The structure of the whole file, and every index but those of the chain against its table. On a connection of its own:

@@ -104,6 +104,12 @@ const SUMMARY_COLUMNS: &str = "name, state, row_version, running, paused, awaiti
     rollback_pending, kappa_i, kappa_p, kappa_b, kappa_r, baseline, author, provenance, risk, changed_ms";
 
 impl Views {
+    /// The folder of the store.
+    #[must_use]
+    pub fn folder(&self) -> Option<std::path::PathBuf> {
+        std::path::Path::new(self.connection.path()?).parent().map(std::path::Path::to_path_buf)
+    }
+
     /// Opens a store's database for reading, also while an engine has it.
     ///
     /// # Errors

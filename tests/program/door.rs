@@ -25,7 +25,7 @@ use holdpoint::governance::submission::Package;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
-use holdpoint::registry::Layout;
+use holdpoint::registry::{Layout, Views};
 use holdpoint::runtime::capability;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
@@ -111,7 +111,17 @@ fn a_socket_that_is_removed_is_there_again() {
         std::fs::remove_file(&socket).unwrap();
         drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
     };
-    for (what, displace) in [("removed", &removed as &dyn Fn()), ("replaced", &replaced)] {
+    let folder_there = || {
+        std::fs::remove_file(&socket).unwrap();
+        std::fs::create_dir(&socket).unwrap();
+    };
+    let link = || {
+        std::fs::remove_file(&socket).unwrap();
+        std::os::unix::fs::symlink("/nowhere/at/all", &socket).unwrap();
+    };
+    let ways: [(&str, &dyn Fn()); 4] =
+        [("removed", &removed), ("replaced", &replaced), ("a folder", &folder_there), ("a link", &link)];
+    for (what, displace) in ways {
         displace();
         let until = std::time::Instant::now() + PATIENCE;
         let mut asking = loop {
@@ -119,7 +129,7 @@ fn a_socket_that_is_removed_is_there_again() {
                 break asking;
             }
             assert!(std::time::Instant::now() < until, "{what}: nobody answers");
-            std::thread::sleep(Duration::from_millis(20));
+            std::thread::yield_now();
         };
         let stop = Command::Stop { by: "ana".to_owned(), reason: what.to_owned() };
         let reply = asking.ask(stop).unwrap();
@@ -157,11 +167,65 @@ fn a_stop_is_answered_while_another_program_has_the_database() {
             break;
         }
         assert!(std::time::Instant::now() < until, "{:?}", snapshot.stopped);
-        std::thread::sleep(Duration::from_millis(20));
+        std::thread::yield_now();
     }
     drop(other);
     assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     running.join().unwrap();
+}
+
+/// A stop that was answered while nothing could be written is in force after the next start, however the engine ended, and
+/// on record as soon as it can be.
+#[test]
+fn a_stop_that_could_not_be_written_outlasts_the_engine() {
+    let folder = tempfile::tempdir().unwrap();
+    let layout = Layout::new(folder.path());
+    let running = engine(folder.path());
+    let mut asking = client(folder.path());
+    let other = rusqlite::Connection::open(layout.database()).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
+    let reply = asking.ask(stop).unwrap();
+    assert!(matches!(&reply, Reply::Accepted { .. }), "{reply:?}");
+    let until = std::time::Instant::now() + PATIENCE;
+    while !layout.stop_mark().is_file() {
+        assert!(std::time::Instant::now() < until, "it is not kept beside the database");
+        std::thread::yield_now();
+    }
+    // Whoever looks at the store without the engine, or after a sudden end of it, is told.
+    assert!(holdpoint::engine::halt::recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some());
+    other.execute_batch("ROLLBACK").unwrap();
+    drop(other);
+    // Ended in an orderly way, it is on record before the end.
+    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+    running.join().unwrap();
+    assert!(!layout.stop_mark().exists(), "it is on record by now");
+    let recalled = holdpoint::engine::halt::recall(&Views::open(&layout.database()).unwrap()).unwrap();
+    assert_eq!(recalled.map(|stopped| stopped.by), Some("ana".to_owned()));
+}
+
+/// A mark beside the database stops the next engine, which puts it on record; one that cannot be read does, too.
+#[test]
+fn a_stop_beside_the_database_stops_the_next_engine() {
+    for text in ["{\"by\":\"ana\",\"caller\":{\"kind\":\"script\"},\"reason\":\"x\"}", "what is this"] {
+        let folder = tempfile::tempdir().unwrap();
+        let layout = Layout::new(folder.path());
+        let first = engine(folder.path());
+        assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+        first.join().unwrap();
+        std::fs::write(layout.stop_mark(), text).unwrap();
+        let second = engine(folder.path());
+        let Reply::Snapshot { snapshot } = client(folder.path()).ask(Command::Snapshot).unwrap() else {
+            panic!("no snapshot")
+        };
+        assert!(snapshot.stopped.is_some(), "{text}");
+        assert!(!layout.stop_mark().exists(), "{text}: it is on record");
+        assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
+        second.join().unwrap();
+        assert!(
+            holdpoint::engine::halt::recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some()
+        );
+    }
 }
 
 #[test]

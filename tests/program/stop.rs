@@ -174,10 +174,11 @@ fn inside_a_hold() {
     front.works_for(Duration::from_millis(20));
     front.submit("align-improved");
     front.until(|kind| matches!(kind, EventKind::Fault { .. }));
-    // The sequence that ran when the engine failed is still on its way, at the pace of the clock.
+    // The sequence that ran when the engine failed is still on its way, at the pace of the clock; on a machine with much
+    // else to do it has ended by now, and the arm stands already.
     let ticks = front.stands();
     println!("holding: {ticks} ticks to the standing arm");
-    assert!((1..=STANDS_WITHIN_TICKS).contains(&ticks), "{ticks}");
+    assert!(ticks <= STANDS_WITHIN_TICKS, "{ticks}");
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
     assert_eq!(refusal(&front.carry_out(go())), Refusal::Holding);
     front.host.stop(PATIENCE).unwrap();

@@ -222,6 +222,7 @@ pub fn question(tier: u8) -> PromptView {
             ],
             declared: Vec::new(),
         },
+        conditions: Vec::new(),
         untested: vec![
             "objects heavier than 0.4 kg".to_owned(),
             "the conveyor running while the tray is turned".to_owned(),

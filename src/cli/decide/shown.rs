@@ -41,6 +41,7 @@ fn lines(prompt: &PromptView) -> Vec<String> {
         format!("New permissions: {}", listed(&prompt.new_permissions)),
     ];
     lines.extend(prompt.changes.lines().iter().map(|line| format!("Change: {line}")));
+    lines.extend(prompt.conditions.iter().map(|condition| format!("Condition: {condition}")));
     lines.extend(prompt.untested.iter().map(|line| format!("Not tested: {line}")));
     lines.push(format!("If things get worse: {}", prompt.on_drift));
     if !prompt.about.is_empty() && prompt.about != prompt.on_drift {

@@ -20,13 +20,16 @@ use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_protocol::snapshot::{PromptView, Purpose, QuestionView, ReadingView, Snapshot, StoppedView};
 use holdpoint_protocol::words::clock_time;
-use holdpoint_registry::{ApprovalRequest, AuditFilter, VersionFilter, Views};
+use holdpoint_registry::{ApprovalRequest, AuditFilter, Layout, VersionFilter, Views, lock_owner};
 use holdpoint_text::Untrusted;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
     /// Whether an engine runs on the store and answers.
     pub(super) engine_running: bool,
+    /// Who has the store although no engine answers at its socket.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) in_use_by: Option<String>,
     /// Why the engine that is there said nothing, if so: what is shown is what the store holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) silent: Option<String>,
@@ -187,6 +190,10 @@ impl StatusReport {
         let record = |json: &str| serde_json::from_str::<ContextRecord>(json).ok();
         Ok(Self {
             engine_running: engine.is_some(),
+            in_use_by: match engine {
+                Some(_) => None,
+                None => views.folder().and_then(|folder| lock_owner(&Layout::new(folder)).ok()?),
+            },
             silent: silent.map(ToString::to_string),
             last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
             reading: engine.and_then(|engine| engine.reading),
@@ -234,7 +241,12 @@ impl StatusReport {
             }
             (true, None) => format!("engine   running, profile {profile}"),
             (true, Some(why)) => format!("engine   HOLDING, profile {profile}: {why}"),
-            (false, _) => format!("engine   not running, last profile {profile}"),
+            (false, _) => match &self.in_use_by {
+                Some(owner) => format!(
+                    "engine   NOT ANSWERING: {owner} has the store and is at no socket; last profile {profile}"
+                ),
+                None => format!("engine   not running, last profile {profile}"),
+            },
         });
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped.as_ref().map(stopped_line));

@@ -13,6 +13,9 @@ use holdpoint_registry::Layout;
 /// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
 pub(super) const PATH_BYTES_MAX: usize = 107;
 
+/// What had the name of a socket at work and was moved aside; beyond so many the last is replaced.
+const ASIDE_MAX: u32 = 100;
+
 /// Where the engine of a store listens.
 #[must_use]
 pub fn socket_path(layout: &Layout) -> PathBuf {
@@ -41,8 +44,14 @@ impl SocketPlace {
         self.file.is_some() && file_at(&self.path) == self.file
     }
 
-    /// Listens at the name once more.
+    /// Listens at the name once more. The store is this engine's: whatever has the name meanwhile is moved aside.
     pub(super) fn bind_anew(&self) -> Result<BoundSocket, DoorError> {
+        if fs::symlink_metadata(&self.path).is_ok() {
+            let aside = |nth: u32| self.path.with_extension(format!("sock.aside-{nth}"));
+            let free = (1..=ASIDE_MAX).map(aside).find(|path| fs::symlink_metadata(path).is_err());
+            let free = free.unwrap_or_else(|| aside(ASIDE_MAX));
+            fs::rename(&self.path, &free).map_err(DoorError::io("move aside", &self.path))?;
+        }
         bind(&self.path)
     }
 }

@@ -1,6 +1,6 @@
 //! The engine in another process, which is at work on the store while this process has none: asked over the store's socket.
 
-use crate::door::{Client, DoorError};
+use crate::door::{Client, DoorError, socket_path};
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_registry::Layout;
 use holdpoint_text::Problem;
@@ -23,6 +23,12 @@ impl EngineElsewhere {
         match client.and_then(|client| client.map(|mut it| it.ask(command)).transpose()) {
             Ok(Some(reply)) => said(reply),
             Ok(None) => {
+                if let Ok(Some(owner)) = holdpoint_registry::lock_owner(&self.layout) {
+                    let path = socket_path(&self.layout);
+                    let text = format!("the store is in use by {owner}, and nobody answers at {path:?}");
+                    let hint = "ask again in a second: an engine listens there anew; if it does not, end that process with `kill`";
+                    return Reply::refused(Refusal::NotNow, &Problem::new(text).with_hint(hint));
+                }
                 let hint = "`holdpoint stop` in a shell keeps the next one stopped";
                 let problem = Problem::new("no engine is at work on this store").with_hint(hint);
                 Reply::refused(Refusal::NotNow, &problem)

@@ -162,7 +162,7 @@ impl<'a> Replayer<'a> {
         let Some(under) = made_under(record) else {
             return Replay::NotReplayed { why: NotReplayable::Unreadable };
         };
-        self.concluded(&under.environment, self.replayed(of, record, under))
+        self.concluded(&under.environment, self.replayed(of, record, &under))
     }
 
     /// What settled a doubt, or did not.
@@ -186,7 +186,7 @@ impl<'a> Replayer<'a> {
         }
     }
 
-    fn replayed(&self, of: &VersionOnRecord, record: &AuditRecord, under: MadeUnder) -> Result<(), Failed> {
+    fn replayed(&self, of: &VersionOnRecord, record: &AuditRecord, under: &MadeUnder) -> Result<(), Failed> {
         let frame = self.frame(&under.profile, &under.policy)?;
         let before = of.evidence.iter().rev().filter(|entry| entry.seq < record.seq);
         let newest = before.clone().next().ok_or(NotReplayable::EvidenceMissing)?;
@@ -201,17 +201,17 @@ impl<'a> Replayer<'a> {
             EvidenceKind::Sandbox => {
                 behaves(&dossier, frame)?;
                 compose(kappas, frame, under, record)?;
-                same_evidence(&under, entry, &dossier)
+                same_evidence(under, entry, &dossier)
             }
             EvidenceKind::Shadow => {
                 let check = shadowed(&dossier, frame)?;
                 let context = PsiContext { has_approver: frame.profile.has_approver() };
-                as_recorded(record, &psi_after_shadow(kappas, context, under, check))?;
-                same_evidence(&under, entry, &dossier)
+                as_recorded(record, &psi_after_shadow(kappas, context, *under, check))?;
+                same_evidence(under, entry, &dossier)
             }
             EvidenceKind::Gate | EvidenceKind::Activation => {
                 self.gated(of, (newest.seq, record), under, &dossier, frame)?;
-                same_evidence(&under, entry, &dossier)
+                same_evidence(under, entry, &dossier)
             }
             EvidenceKind::Monitor | EvidenceKind::Rollback | EvidenceKind::Drill => {
                 Err(NotReplayable::EvidenceMissing.into())
@@ -272,7 +272,7 @@ impl<'a> Replayer<'a> {
         &self,
         of: &VersionOnRecord,
         (asked_seq, record): (u64, &AuditRecord),
-        under: MadeUnder,
+        under: &MadeUnder,
         dossier: &Dossier,
         frame: &RulesInForce,
     ) -> Result<(), Failed> {
@@ -280,16 +280,16 @@ impl<'a> Replayer<'a> {
         let candidate = self.capability(&of.id)?;
         let submission = &candidate.submission;
         let approval = if self.history.is_emergency(&of.id, (asked_seq, record.seq)) {
-            self.emergency(of, record, &under, frame)?
+            self.emergency(of, record, under, frame)?
         } else {
-            self.answers(of, record, &under, kappas, frame)?
+            self.answers(of, record, under, kappas, frame)?
         };
         let closed = self.history.closed_before(&of.id, asked_seq).union(&dossier.closed).copied().collect();
         let input = GateInput {
             kappas,
             shadow: dossier.shadow.as_ref(),
             bindings: &dossier.bindings,
-            current: &bound(&under),
+            current: &bound(under),
             improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
             approval: approval.as_ref(),
             risk: submission.estimated_risk,
@@ -299,7 +299,7 @@ impl<'a> Replayer<'a> {
             review_open: self.history.review_open_before(&of.id.family, asked_seq),
             now_s: secs(record.at_ms),
             row_version: 0,
-            made_under: under,
+            made_under: *under,
         };
         as_recorded(record, &gate::evaluate(&input, &frame.table, &frame.profile).decision)
     }
@@ -373,11 +373,11 @@ const fn bound(under: &MadeUnder) -> Binding {
 fn compose(
     kappas: &Kappas,
     frame: &RulesInForce,
-    under: MadeUnder,
+    under: &MadeUnder,
     record: &AuditRecord,
 ) -> Result<(), Failed> {
     let context = PsiContext { has_approver: frame.profile.has_approver() };
-    as_recorded(record, &psi(kappas, context, under))
+    as_recorded(record, &psi(kappas, context, *under))
 }
 
 /// Behaviour and recovery, from the raw pairs and drills of the sandbox.

@@ -428,6 +428,7 @@ pub(super) fn view(
         author: prompt.request.author.clone(),
         new_permissions: dossier.new_permissions.clone(),
         changes: dossier.changes.clone(),
+        conditions: dossier.conditions.iter().map(ToString::to_string).collect(),
         untested: untested(dossier),
         on_drift: match prompt.purpose {
             Purpose::Activation | Purpose::Emergency => on_drift(context, prompt, &dossier.conditions),

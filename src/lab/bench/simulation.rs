@@ -59,7 +59,7 @@ pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<
         entries.push(sandbox_episode(subjects, effort, task)?);
     }
     entries.push(tick(subjects, effort)?);
-    entries.push(watched_tick(subjects, effort)?);
+    entries.extend(watched_tick(subjects, effort)?);
     for kind in DrillKind::ALL {
         entries.push(one_drill(subjects, effort, kind)?);
     }
@@ -126,8 +126,9 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
     figure.of(samples, effort.samples_min)
 }
 
-/// What guard and harm cost in a tick: the ticks of a grasp as they were, checked and measured once more with nothing else.
-fn watched_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
+/// What guard and harm cost in a tick, and harm alone: the ticks of a grasp as they were, checked and measured once more
+/// with nothing else.
+fn watched_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<[MeasuredFigure; 2], BenchError> {
     let version = subjects.active_for(TaskKind::Grasp)?;
     let (cell, terms) = (&subjects.cell, &subjects.terms);
     let mut worker = Worker::new();
@@ -139,31 +140,47 @@ fn watched_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFi
     let guard = terms.guard(&version.manifest.permissions);
     let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
     let skill = version.start(terms.bundle_seed(seed));
+    let mut judging = guard.clone();
     task::run(&mut arm.handle(), skill, guard.clone(), &task_terms, &mut |_, passed| {
         let then = std::mem::replace(&mut before, passed.seen.clone());
-        ticks.push((then, passed.observation.clone(), passed.command.clone(), passed.seen.clone()));
+        let checked = judging.check(passed.command, &then);
+        let near = judging.is_near(passed.seen);
+        ticks.push((
+            then,
+            passed.observation.clone(),
+            passed.command.clone(),
+            passed.seen.clone(),
+            checked,
+            near,
+        ));
         Supervision::Continue
     })?;
-    let name = "tick, guard and harm";
-    Figure::new(name, FigureUnit::Micros, FigureClock::ThreadCpu, "tick").take(
-        effort,
-        effort.fast_secs,
-        |_| {
-            let (mut guard, mut harm) = (guard.clone(), HarmMeter::default());
-            for (at, (before, observation, asked, after)) in ticks.iter().enumerate() {
-                if at.is_multiple_of(4) {
-                    black_box(guard.predicts_collision(before));
-                }
-                let checked = guard.check(asked, before);
-                harm.note_command(asked, &checked, &guard, (&observation.tau, &observation.dq));
-                black_box(guard.measure(after));
-                let near = guard.is_near(after);
-                harm.note(after, &guard, near);
+    let figure = |name| Figure::new(name, FigureUnit::Micros, FigureClock::ThreadCpu, "tick");
+    let both = figure("tick, guard and harm").take(effort, effort.fast_secs, |_| {
+        let (mut guard, mut harm) = (guard.clone(), HarmMeter::default());
+        for (at, (before, observation, asked, after, ..)) in ticks.iter().enumerate() {
+            if at.is_multiple_of(4) {
+                black_box(guard.predicts_collision(before));
             }
-            black_box(harm.measures());
-            Ok(Some(ticks.len() as u64))
-        },
-    )
+            let checked = guard.check(asked, before);
+            harm.note_command(asked, &checked, &guard, (&observation.tau, &observation.dq));
+            black_box(guard.measure(after));
+            let near = guard.is_near(after);
+            harm.note(after, &guard, near);
+        }
+        black_box(harm.measures());
+        Ok(Some(ticks.len() as u64))
+    })?;
+    let harm = figure("tick, harm").take(effort, effort.fast_secs, |_| {
+        let mut harm = HarmMeter::default();
+        for (_, observation, asked, after, checked, near) in &ticks {
+            harm.note_command(asked, checked, &guard, (&observation.tau, &observation.dq));
+            harm.note(after, &guard, *near);
+        }
+        black_box(harm.measures());
+        Ok(Some(ticks.len() as u64))
+    })?;
+    Ok([both, harm])
 }
 
 /// One rehearsal with the candidate, its start included.

@@ -16,7 +16,7 @@ fn looked_at(twin: EpisodeValues) -> (Bench, Option<String>) {
     let id = bench.activate("align-improved");
     let live = bench.pipeline.live();
     live.dossiers.edit(&id).twins = vec![twin; 40];
-    let tasks = (1..).find(|tasks| live_look(*tasks, &live.context.profile)).unwrap();
+    let tasks = (1..1_000).find(|tasks| live_look(*tasks, &live.context.profile)).unwrap();
     while bench.pipeline.live().monitors.of(&id).is_some_and(|watched| watched.episodes < tasks) {
         bench.pipeline.live().sequence(None).unwrap();
     }

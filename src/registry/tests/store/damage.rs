@@ -10,6 +10,7 @@ use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{
     AuditFilter, Change, Store, UnsignedRecords, VerifyError, VersionFilter, Views, rebuild, verify,
 };
+use holdpoint_text::Hint as _;
 use rusqlite::{Connection, params};
 
 use crate::support::*;
@@ -189,6 +190,34 @@ fn a_record_that_an_index_hides_is_missed() {
     verify(&database, Some(&key)).unwrap();
     let again = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap();
     assert!(again.is_none(), "nothing is left to mend");
+}
+
+/// As many entries as records, and a stop of the cell among them under another kind: whoever asks whether the cell is
+/// stopped is told that it is not.
+#[test]
+fn a_stop_that_an_index_hides_is_found_at_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path());
+    let store = open(folder.path());
+    let mut stop = transaction("stop", store.opening().head.at_ms + 1, Vec::new());
+    stop.audit = vec![holdpoint_registry::AuditBody {
+        kind: holdpoint_governance::record::RecordKind::CellStopped,
+        subject: String::new(),
+        body: "{\"by\":\"ana\"}".to_owned(),
+    }];
+    store.commit(stop).unwrap();
+    drop(store);
+    open(folder.path());
+    let database = folder.path().join("holdpoint.db");
+    index_otherwise(&database, "cell-stopped", |whole| {
+        whole.replace("(kind,", "(CASE kind WHEN 'cell-stopped' THEN 'drift' ELSE kind END,")
+    });
+    let error = Store::open(folder.path()).unwrap_err();
+    assert!(error.to_string().contains("the index \"audit_kind\""), "{error}");
+    assert!(error.hint().is_some_and(|hint| hint.contains("store rebuild --from-chain")), "{error:?}");
+    assert!(Views::open_checked(&database).is_err(), "nor is it shown");
+    assert!(unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7)).unwrap().is_some());
+    open(folder.path());
 }
 
 /// The same for an index of another table than the chain's.

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use holdpoint_registry::{
-    BackupParts, Exporting, JudgedBy, Layout, Place, Store, Views, backup, check_store, export_store,
-    store_info, verify, verify_against, verify_copy,
+    BackupParts, Exporting, JudgedBy, Layout, Place, Store, UnsignedRecords, Views, backup, check_store,
+    export_store, rebuild, store_info, verify, verify_against, verify_copy,
 };
 use rusqlite::Connection;
 
@@ -66,6 +66,30 @@ fn a_text_that_is_too_long_is_refused_with_its_table() {
             let said = said.unwrap_or_else(|| LIMIT.to_owned());
             assert!(said.contains(LIMIT) && said.len() < 1000, "{edit}: {said:.1000}");
         }
+    }
+}
+
+/// What is too long for a reader is no longer than a rebuild can do without: it puts what the chain says in its place.
+#[test]
+fn what_is_too_long_is_mended_by_a_rebuild() {
+    for edit in [
+        "UPDATE meta SET value = $LONG WHERE key = 'store_id'",
+        "UPDATE family SET reason = $LONG WHERE name = 'grasp'",
+        "UPDATE version SET author = $LONG WHERE name = 'grasp@1.0.0'",
+        "UPDATE evidence SET json = $LONG WHERE seq = (SELECT max(seq) FROM evidence)",
+        "INSERT INTO command (id, digest, last_seq, receipt) VALUES ('zz', '0', 1, $LONG)",
+        "INSERT INTO command (id, digest, last_seq, receipt) VALUES ($LONG, '0', 1, '{}')",
+    ] {
+        let folder = quick_folder();
+        made(folder.path());
+        let database = folder.path().join("holdpoint.db");
+        lengthen(&database, edit);
+        unless_in_use(|| Store::open(folder.path())).map(drop).unwrap_err();
+        let rebuilt =
+            unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Refuse, "{\"user\":\"ada\"}", 7));
+        assert!(rebuilt.unwrap_or_else(|error| panic!("{edit}: {error}")).is_some(), "{edit}");
+        verify(&database, None).unwrap();
+        open(folder.path());
     }
 }
 

@@ -1,0 +1,78 @@
+//! What people were asked is open after a restart as it was, and shows what takes effect.
+
+use holdpoint_approvals::keyfile::Keep;
+use holdpoint_governance::approval::{Answer, Role};
+use holdpoint_governance::condition::Condition;
+use holdpoint_governance::outcome::PolicyOutcome;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::event::EventKind;
+
+use crate::people::persons::enrolled;
+use crate::pipeline::Pipeline;
+use crate::tests::{accepted, asked, at_the_gate, pipeline};
+
+#[test]
+fn a_question_is_open_after_a_restart_with_the_answers_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Human);
+    // A review takes two people.
+    asked(&mut first, PolicyOutcome::Review, Vec::new());
+    let mut before = first.snapshot().prompts;
+    let ana = enrolled(first.live().record, "ana", Role::Engineer, Keep::Plain);
+    let answer = before[0].answer(&ana, Answer::Approve, "evidence read", None).unwrap();
+    accepted(&first.command(answer));
+    before[0].approved_by = vec!["ana".to_owned()];
+    assert!(before[0].needed > 1, "one answer is not enough");
+    assert_eq!(first.snapshot().prompts, before);
+    drop(first);
+
+    let mut second = pipeline(folder.path(), ProfileName::Human);
+    let after = second.snapshot().prompts;
+    // Until when a decision signed now is good is told anew.
+    before[0].valid_until_ms = after[0].valid_until_ms;
+    assert_eq!(after, before);
+    let events = second.drain_events();
+    assert!(!events.iter().any(|event| matches!(event, EventKind::ApprovalRequested { .. })), "{events:?}");
+    drop(second);
+    // Under another profile it is another question.
+    let third = pipeline(folder.path(), ProfileName::Real);
+    assert!(third.snapshot().prompts.is_empty());
+}
+
+/// What the gate adds to what the stages ask for is in no stage's evidence: who decides after a restart is shown it all
+/// the same, and it is what takes effect.
+#[test]
+fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Human);
+    let id = at_the_gate(&mut first);
+    for _ in 0..4 {
+        first.advance();
+    }
+    let shown = |pipeline: &Pipeline| {
+        let snapshot = pipeline.snapshot();
+        let conditions =
+            snapshot.candidates.iter().find(|one| one.version == id).map(|one| one.conditions.clone());
+        let (prompt, answers) = (snapshot.prompts[0].clone(), conditions.unwrap());
+        (prompt.on_drift, prompt.untested, answers)
+    };
+    let before = shown(&first);
+    assert!(before.2.contains(&Condition::RollbackCoupled), "{before:?}");
+    drop(first);
+    assert_eq!(shown(&pipeline(folder.path(), ProfileName::Human)), before);
+}
+
+#[test]
+fn a_question_that_a_condition_asks_is_open_after_a_restart() {
+    for (profile, quorum) in [(ProfileName::Sim, 2), (ProfileName::Human, 3)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = pipeline(folder.path(), profile);
+        asked(&mut first, PolicyOutcome::Conditional, vec![Condition::ApprovalRequired { quorum }]);
+        let mut before = first.snapshot().prompts;
+        assert_eq!(before[0].needed, u32::from(quorum));
+        drop(first);
+        let after = pipeline(folder.path(), profile).snapshot().prompts;
+        before[0].valid_until_ms = after.first().map_or(0, |prompt| prompt.valid_until_ms);
+        assert_eq!(after, before, "{profile:?}");
+    }
+}
