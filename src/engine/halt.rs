@@ -73,11 +73,21 @@ pub(crate) fn write_again(record: &mut Record, world: &mut LiveWorld) -> Result<
     Ok(())
 }
 
-/// The stop that an earlier engine could not put on record, to be asked for once more.
-pub(crate) fn marked(layout: &Layout) -> Option<AskedStop> {
-    let text = layout.marked_stop()?;
-    let StopOnRecord { by, caller, reason } = StopOnRecord::read(&text);
-    Some(AskedStop { id: "unrecorded".to_owned(), by, reason, caller })
+/// A cell that was stopped under an earlier engine stays so; a stop that could not be put on record then is asked for once
+/// more.
+///
+/// # Errors
+/// If the store cannot be read.
+pub(crate) fn stay(record: &Record, world: &mut LiveWorld) -> Result<(), StoreError> {
+    let store = record.ledger().store();
+    if let Some(halted) = recall(&store.views()?)? {
+        world.stay_halted(halted);
+    }
+    if let Some(text) = store.layout().marked_stop() {
+        let StopOnRecord { by, caller, reason } = StopOnRecord::read(&text);
+        world.switch().halt(AskedStop { id: "unrecorded".to_owned(), by, reason, caller });
+    }
+    Ok(())
 }
 
 /// Puts every stop on record that was asked for on any thread; the first one is who stopped the cell.

@@ -161,12 +161,7 @@ impl Pipeline {
         };
         pipeline.record.recall_alarms()?;
         pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
-        if let Some(halted) = halt::recall(&pipeline.record.ledger().store().views()?)? {
-            pipeline.world.stay_halted(halted);
-        }
-        if let Some(asked) = halt::marked(pipeline.record.ledger().store().layout()) {
-            pipeline.world.switch().halt(asked);
-        }
+        halt::stay(&pipeline.record, &mut pipeline.world)?;
         if let Some(goal) = goal::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.cell.set_goal(goal);
         }

@@ -25,13 +25,13 @@ use holdpoint::governance::submission::Package;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{Answer, CALL_BYTES_MAX};
-use holdpoint::registry::{Layout, Views};
+use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
 
 /// Longer than anything here takes.
-const PATIENCE: Duration = Duration::from_mins(1);
+pub(crate) const PATIENCE: Duration = Duration::from_mins(1);
 
 fn door(folder: &Path) -> Result<Door, DoorError> {
     let (cancel, switch) = (Arc::new(AtomicBool::new(false)), Arc::default());
@@ -39,7 +39,7 @@ fn door(folder: &Path) -> Result<Door, DoorError> {
 }
 
 /// An engine in a thread of its own, behind its door.
-fn engine(folder: &Path) -> JoinHandle<()> {
+pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
     let thread = std::thread::spawn(move || {
@@ -65,7 +65,7 @@ fn engine(folder: &Path) -> JoinHandle<()> {
     thread
 }
 
-fn client(folder: &Path) -> Client {
+pub(crate) fn client(folder: &Path) -> Client {
     Client::connect(&Layout::new(folder)).unwrap().expect("an engine answers")
 }
 
@@ -95,136 +95,6 @@ impl Raw {
             Ok(0) | Err(_) => None,
             Ok(_) => Some(serde_json::from_str(&line).unwrap()),
         }
-    }
-}
-
-/// Whoever removes the socket, or puts another in its place, takes nobody the way to stop.
-#[test]
-fn a_socket_that_is_removed_is_there_again() {
-    let folder = tempfile::tempdir().unwrap();
-    let running = engine(folder.path());
-    let layout = Layout::new(folder.path());
-    let socket = socket_path(&layout);
-    let removed = || std::fs::remove_file(&socket).unwrap();
-    // Left by a process that is gone.
-    let replaced = || {
-        std::fs::remove_file(&socket).unwrap();
-        drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
-    };
-    let folder_there = || {
-        std::fs::remove_file(&socket).unwrap();
-        std::fs::create_dir(&socket).unwrap();
-    };
-    let link = || {
-        std::fs::remove_file(&socket).unwrap();
-        std::os::unix::fs::symlink("/nowhere/at/all", &socket).unwrap();
-    };
-    let ways: [(&str, &dyn Fn()); 4] =
-        [("removed", &removed), ("replaced", &replaced), ("a folder", &folder_there), ("a link", &link)];
-    for (what, displace) in ways {
-        displace();
-        let until = std::time::Instant::now() + PATIENCE;
-        let mut asking = loop {
-            if let Ok(Some(asking)) = Client::connect(&layout) {
-                break asking;
-            }
-            assert!(std::time::Instant::now() < until, "{what}: nobody answers");
-            std::thread::yield_now();
-        };
-        let stop = Command::Stop { by: "ana".to_owned(), reason: what.to_owned() };
-        let reply = asking.ask(stop).unwrap();
-        assert!(matches!(reply, Reply::Accepted { .. }), "{what}: {reply:?}");
-        assert_eq!(socket.metadata().unwrap().permissions().mode() & 0o777, 0o600);
-    }
-    let reply = client(folder.path()).ask(Command::Shutdown).unwrap();
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
-    running.join().unwrap();
-    assert!(!socket.exists());
-}
-
-/// Another program that keeps the database for itself keeps nobody from stopping the arm, nor from hearing that it is
-/// stopped; what is missing on record comes when it can be written.
-#[test]
-fn a_stop_is_answered_while_another_program_has_the_database() {
-    let folder = tempfile::tempdir().unwrap();
-    let running = engine(folder.path());
-    let mut asking = client(folder.path());
-    let other = rusqlite::Connection::open(Layout::new(folder.path()).database()).unwrap();
-    other.execute_batch("BEGIN EXCLUSIVE").unwrap();
-    let began = std::time::Instant::now();
-    let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
-    let reply = asking.ask(stop).unwrap();
-    assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("is stopped")), "{reply:?}");
-    // Less than the time for which a write waits for another program.
-    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
-    other.execute_batch("ROLLBACK").unwrap();
-    let until = std::time::Instant::now() + PATIENCE;
-    loop {
-        let Reply::Snapshot { snapshot } = asking.ask(Command::Snapshot).unwrap() else {
-            panic!("no snapshot")
-        };
-        if snapshot.stopped.as_ref().is_some_and(|stopped| stopped.by.contains("ana")) {
-            break;
-        }
-        assert!(std::time::Instant::now() < until, "{:?}", snapshot.stopped);
-        std::thread::yield_now();
-    }
-    drop(other);
-    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
-    running.join().unwrap();
-}
-
-/// A stop that was answered while nothing could be written is in force after the next start, however the engine ended, and
-/// on record as soon as it can be.
-#[test]
-fn a_stop_that_could_not_be_written_outlasts_the_engine() {
-    let folder = tempfile::tempdir().unwrap();
-    let layout = Layout::new(folder.path());
-    let running = engine(folder.path());
-    let mut asking = client(folder.path());
-    let other = rusqlite::Connection::open(layout.database()).unwrap();
-    other.execute_batch("BEGIN IMMEDIATE").unwrap();
-    let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
-    let reply = asking.ask(stop).unwrap();
-    assert!(matches!(&reply, Reply::Accepted { .. }), "{reply:?}");
-    let until = std::time::Instant::now() + PATIENCE;
-    while !layout.stop_mark().is_file() {
-        assert!(std::time::Instant::now() < until, "it is not kept beside the database");
-        std::thread::yield_now();
-    }
-    // Whoever looks at the store without the engine, or after a sudden end of it, is told.
-    assert!(holdpoint::engine::halt::recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some());
-    other.execute_batch("ROLLBACK").unwrap();
-    drop(other);
-    // Ended in an orderly way, it is on record before the end.
-    assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
-    running.join().unwrap();
-    assert!(!layout.stop_mark().exists(), "it is on record by now");
-    let recalled = holdpoint::engine::halt::recall(&Views::open(&layout.database()).unwrap()).unwrap();
-    assert_eq!(recalled.map(|stopped| stopped.by), Some("ana".to_owned()));
-}
-
-/// A mark beside the database stops the next engine, which puts it on record; one that cannot be read does, too.
-#[test]
-fn a_stop_beside_the_database_stops_the_next_engine() {
-    for text in ["{\"by\":\"ana\",\"caller\":{\"kind\":\"script\"},\"reason\":\"x\"}", "what is this"] {
-        let folder = tempfile::tempdir().unwrap();
-        let layout = Layout::new(folder.path());
-        let first = engine(folder.path());
-        assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
-        first.join().unwrap();
-        std::fs::write(layout.stop_mark(), text).unwrap();
-        let second = engine(folder.path());
-        let Reply::Snapshot { snapshot } = client(folder.path()).ask(Command::Snapshot).unwrap() else {
-            panic!("no snapshot")
-        };
-        assert!(snapshot.stopped.is_some(), "{text}");
-        assert!(!layout.stop_mark().exists(), "{text}: it is on record");
-        assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
-        second.join().unwrap();
-        assert!(
-            holdpoint::engine::halt::recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some()
-        );
     }
 }
 

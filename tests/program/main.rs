@@ -13,6 +13,7 @@ mod asked;
 mod bad_input;
 mod bench;
 mod cli;
+mod displaced;
 mod door;
 mod early;
 mod explain;

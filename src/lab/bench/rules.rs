@@ -88,7 +88,7 @@ fn registration(effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
 fn static_warm(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let under = subjects.made_under()?;
     let kappas = static_kappas(subjects, &subjects.table)?;
-    let decision = decide(subjects, &kappas, under);
+    let decision = decide(subjects, &kappas, &under);
     if *decision.outcome() == Recommendation::Reject {
         return Err(BenchError::Unexpected {
             what: "static check",
@@ -98,7 +98,7 @@ fn static_warm(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFig
     }
     repeated("static check, policies compiled", "mean of 50 checks", CALLS, effort, || {
         let kappas = static_kappas(subjects, &subjects.table)?;
-        black_box(decide(subjects, &kappas, under));
+        black_box(decide(subjects, &kappas, &under));
         Ok(())
     })
 }
@@ -115,13 +115,13 @@ fn static_cold(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFig
     figure.take(effort, effort.fast_secs, |_| {
         let table = PolicyTable::builtin(black_box(&subjects.profile))?;
         let kappas = static_kappas(subjects, &table)?;
-        black_box(decide(subjects, &kappas, under));
+        black_box(decide(subjects, &kappas, &under));
         Ok(Some(1))
     })
 }
 
-fn decide(subjects: &Subjects, kappas: &Kappas, under: MadeUnder) -> Decision<Recommendation> {
-    psi(kappas, PsiContext { has_approver: subjects.profile.has_approver() }, under)
+fn decide(subjects: &Subjects, kappas: &Kappas, under: &MadeUnder) -> Decision<Recommendation> {
+    psi(kappas, PsiContext { has_approver: subjects.profile.has_approver() }, *under)
 }
 
 /// The four assessments as far as they go without running anything, from the same parts as stage 2.

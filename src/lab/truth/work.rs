@@ -333,7 +333,7 @@ mod tests {
     fn judged(context: &Context, version: Capability) -> Judged {
         let declared = &version.manifest.permissions;
         let terms = context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
-        Judged { terms, version }
+        Judged { version, terms }
     }
 
     fn context() -> Context {
