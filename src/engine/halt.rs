@@ -196,7 +196,9 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
         AuditFilter { from_seq, kind: Some(RecordKind::CellStopped), limit: 1, ..AuditFilter::default() };
     let Some(found) = views.audit(&first)?.into_iter().next() else {
         let marked = views.folder().and_then(|folder| Layout::new(folder).marked_stop());
-        return Ok(marked.map(|text| StopOnRecord::read(&text).view(0)));
+        // When it was asked for is on no record: after the last there is.
+        let since_ms = views.head()?.at_ms;
+        return Ok(marked.map(|text| StopOnRecord::read(&text).view(since_ms)));
     };
     Ok(Some(StopOnRecord::read(&found.body).view(found.at_ms)))
 }
