@@ -29,6 +29,7 @@ pub mod man;
 pub mod metrics;
 pub mod output;
 mod own_folder;
+pub mod paper;
 mod passphrase;
 pub mod per_candidate;
 pub mod pool;

@@ -9,6 +9,7 @@ use clap::{Args, Subcommand};
 
 use super::kept::CacheKeyArgs;
 use super::output::Table;
+use super::paper::{self, PaperArgs};
 use super::per_candidate::{self, PerCandidateArgs};
 use super::run::JOBS_MAX;
 use super::truth::{self, TruthArgs};
@@ -17,6 +18,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_lab::experiment::ExperimentError;
 use holdpoint_lab::experiment::drift::{self, DriftCell, DriftOptions, DriftReport, Spread};
+use holdpoint_lab::paper::run::Part;
 use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 
 /// The arguments of `experiment`.
@@ -26,7 +28,8 @@ Examples:
   holdpoint experiment drift --runs 30 --out results/drift
   holdpoint experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --json
   holdpoint experiment per-candidate --pool pool-7
-  holdpoint experiment truth --pool mutants --out truth")]
+  holdpoint experiment truth --pool mutants --out truth
+  holdpoint experiment all --preset paper-e2 --out paper")]
 pub struct ExperimentArgs {
     /// The experiment that was chosen, with its arguments.
     #[command(subcommand)]
@@ -40,6 +43,16 @@ pub enum Which {
     Drift(DriftArgs),
     /// Every candidate of a pool through the seven stages, scored against its truth file afterwards.
     PerCandidate(PerCandidateArgs),
+    /// The paper's screening: a pool's candidates through the stages, by class and dimension.
+    E1(PaperArgs),
+    /// The paper's rounds of upgrades, by arms that decide about them.
+    E2(PaperArgs),
+    /// The paper's profiles: the same pool under sim, real and human.
+    E5(PaperArgs),
+    /// The paper's ablation: rounds and pools with parts of the way left out.
+    Ablation(PaperArgs),
+    /// All of the paper's experiments, one after the other.
+    All(PaperArgs),
     /// What candidates really are, by what the referee sees of them, and how decisions stand to it.
     Truth(TruthArgs),
 }
@@ -82,6 +95,11 @@ pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError
     match &args.which {
         Which::Drift(args) => run_drift(args, out),
         Which::PerCandidate(args) => per_candidate::run(args, out),
+        Which::E1(args) => paper::run(args, Part::E1, out),
+        Which::E2(args) => paper::run(args, Part::E2, out),
+        Which::E5(args) => paper::run(args, Part::E5, out),
+        Which::Ablation(args) => paper::run(args, Part::Ablation, out),
+        Which::All(args) => paper::run(args, Part::All, out),
         Which::Truth(args) => truth::run(args, out),
     }
 }

@@ -170,6 +170,7 @@ pub(super) fn start_error(error: StartError) -> CliError {
         | StartError::Ledger(_)
         | StartError::Profile(_)
         | StartError::Baseline(_)
+        | StartError::LeftOut(_)
         | StartError::OtherRobot { .. }
         | StartError::Sim(_)
         | StartError::Door(_)

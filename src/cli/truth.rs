@@ -62,7 +62,7 @@ fn looks(text: &str) -> Result<u64, String> {
     number.ok_or_else(|| format!("one of {} is allowed", allowed()))
 }
 
-fn shard(text: &str) -> Result<(usize, usize), String> {
+pub(super) fn shard(text: &str) -> Result<(usize, usize), String> {
     let number = |text: &str| text.parse::<usize>().ok();
     match text.split_once('/').and_then(|(part, of)| Some((number(part)?, number(of)?))) {
         Some((part, of)) if (1..=of).contains(&part) && of <= 1_000 => Ok((part - 1, of)),

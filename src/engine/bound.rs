@@ -5,6 +5,7 @@
 
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
+use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{AuditBody, Change, StoreError, Views};
 
@@ -93,6 +94,11 @@ pub(crate) fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.agent))
 }
 
+/// What was left out in a store; absent as for [`robot`].
+pub(crate) fn left_out(views: &Views) -> Result<Option<Omitted>, StoreError> {
+    Ok(context_record(views)?.map(|context| context.omitted))
+}
+
 /// What was voided at a start.
 pub(crate) struct VoidedNow {
     pub(crate) families: Vec<Family>,
@@ -146,6 +152,7 @@ pub(crate) fn set_context(
         agent: Some(agent),
         computed_by: COMPUTED_BY.to_owned(),
         environment: Some(context.cell.digest()),
+        omitted: context.omitted,
         own: context.own.clone(),
         policy: context.table.digest,
         profile: context.profile_digest,

@@ -3,6 +3,9 @@
 //!
 //! Evidence and kept episodes are bound to that name (`COMPUTED_BY` in `cell.rs`), so that what another physics or
 //! another rule gave counts for nothing. A changed comment changes the name too: that costs time, never truth.
+//!
+//! A second name (`DECIDED_BY`) is of these and of everything that takes a candidate through the stages: what an
+//! experiment keeps of decisions is bound to it.
 
 #![allow(clippy::print_stdout, reason = "a build script tells cargo what it found by printing it")]
 
@@ -27,6 +30,9 @@ const COMPUTES: [&str; 9] = [
     "src/runtime",
 ];
 
+/// What takes a candidate through the stages besides, from the workspace's root.
+const DECIDES: [&str; 4] = ["profiles", "src/approvals", "src/engine", "src/registry"];
+
 /// Endings of the files that count.
 const ENDINGS: [&str; 5] = ["rs", "toml", "urdf", "lock", "cedar"];
 
@@ -39,11 +45,20 @@ fn main() -> io::Result<()> {
     }
     part(&mut digest, env("TARGET").as_bytes());
     part(&mut digest, &Command::new(env("RUSTC")).arg("--version").output()?.stdout);
+    tell("HOLDPOINT_COMPUTED_BY", digest.clone())?;
+    for name in DECIDES {
+        println!("cargo::rerun-if-changed=../../{name}");
+        add(&mut digest, &root, Path::new(name))?;
+    }
+    tell("HOLDPOINT_DECIDED_BY", digest)
+}
+
+fn tell(name: &str, digest: Sha256) -> io::Result<()> {
     let mut digits = String::new();
     for byte in digest.finalize() {
         write!(digits, "{byte:02x}").map_err(io::Error::other)?;
     }
-    println!("cargo::rustc-env=HOLDPOINT_COMPUTED_BY={digits}");
+    println!("cargo::rustc-env={name}={digits}");
     Ok(())
 }
 

@@ -16,6 +16,10 @@ use holdpoint_governance::ids::Digest;
 /// and the target (`build.rs`). What another build computed is no evidence here.
 pub const COMPUTED_BY: &str = env!("HOLDPOINT_COMPUTED_BY");
 
+/// Digest of what decides in this build: [`COMPUTED_BY`], the stages, the record and the profiles. What an experiment
+/// keeps of decisions is bound to it.
+pub const DECIDED_BY: &str = env!("HOLDPOINT_DECIDED_BY");
+
 /// Robot, scene and distributions, shared by every worker.
 #[derive(Clone)]
 pub struct Cell {

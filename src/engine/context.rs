@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::{PolicyError, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, SiteName};
@@ -25,6 +26,9 @@ pub struct ContextRecord {
     /// Robot, scene and distributions; an earlier version names none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<Digest>,
+    /// What an experiment leaves out; such a store is good for nothing else.
+    #[serde(default, skip_serializing_if = "Omitted::is_nothing")]
+    pub omitted: Omitted,
     /// The texts of a profile that does not come with the program, so that an engine can go on under it without them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own: Option<ProfileTexts>,
@@ -55,6 +59,8 @@ pub struct Context {
     pub digest: Digest,
     /// Robot, scene and distributions.
     pub cell: Cell,
+    /// What an experiment leaves out of the way; nothing, outside experiments.
+    pub omitted: Omitted,
     seeds: SeedKey,
 }
 
@@ -72,7 +78,20 @@ impl Context {
         let profile_digest = profile.digest()?;
         let digest = digest(&profile_digest, &table.digest, &cell.digest());
         let (profile, table, seeds) = (Arc::new(profile), Arc::new(table), SeedKey::of_run(0));
-        Ok(Self { profile, profile_digest, table, own, digest, cell, seeds })
+        Ok(Self { profile, profile_digest, table, own, digest, cell, omitted: Omitted::default(), seeds })
+    }
+
+    /// The same with these parts of the way left out. What is found so is bound to that: it counts nowhere else.
+    #[must_use]
+    pub fn without(mut self, omitted: Omitted) -> Self {
+        if !omitted.is_none() {
+            let parts: Vec<&[u8]> = omitted.parts().into_iter().map(|part| part.name().as_bytes()).collect();
+            let left_out = Digest::of_parts("holdpoint.left-out.v1", &parts);
+            self.digest =
+                Digest::of_parts("holdpoint.context.left-out.v1", &[self.digest.bytes(), left_out.bytes()]);
+        }
+        self.omitted = omitted;
+        self
     }
 
     /// The same with bundles' seeds drawn under this key.

@@ -59,6 +59,7 @@ use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::world::switch::{AskedStop, Controls, Switch};
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::omitted::{Omitted, Part};
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError, ProfileTexts};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
@@ -123,6 +124,9 @@ pub enum StartError {
         /// The robot it was to be opened with.
         given: Box<BoundRobot>,
     },
+    /// An experiment leaves parts of the way out, and this is none, or the store is not an experiment's like it.
+    #[error("{0}")]
+    LeftOut(String),
     /// Other processes cannot be served.
     #[error(transparent)]
     Door(#[from] DoorError),
@@ -156,6 +160,9 @@ impl Hint for StartError {
                 }
                 .into(),
             ),
+            Self::LeftOut(_) => Some(
+                "what was let through with parts of the way left out never gets the arm; take another store".into(),
+            ),
             Self::Sim(_) | Self::Thread(_) => None,
         }
     }
@@ -174,18 +181,29 @@ pub struct Config<'a> {
     pub cache: EpisodeCache,
 }
 
+/// What an experiment does otherwise than an engine at work.
+#[derive(Clone, Debug, Default)]
+pub struct Experiment {
+    /// The parts of the way that are left out.
+    pub omitted: Omitted,
+    /// First versions in place of the embedded ones of their families.
+    pub first: Vec<Capability>,
+}
+
 /// What an engine decides by and begins with, read before anything of the store is.
 struct StartRules {
     profile: Profile,
     table: PolicyTable,
     own: Option<ProfileTexts>,
     baselines: Vec<Capability>,
+    omitted: Omitted,
 }
 
 impl StartRules {
     fn of(chosen: &ChosenProfile) -> Result<Self, StartError> {
         let (profile, table) = chosen.rules()?;
-        Ok(Self { profile, table, own: chosen.texts().cloned(), baselines: baselines()? })
+        let (own, omitted) = (chosen.texts().cloned(), Omitted::default());
+        Ok(Self { profile, table, own, baselines: baselines()?, omitted })
     }
 }
 
@@ -211,6 +229,29 @@ impl Engine {
         Self::on(config, rules, store, Controls::default())
     }
 
+    /// As [`Engine::start`], for an experiment: on a script's store of its own alone.
+    ///
+    /// # Errors
+    /// As [`Engine::start`]; [`StartError::LeftOut`] if it is no script that is to leave something out.
+    pub fn start_experiment(config: Config<'_>, experiment: Experiment) -> Result<Self, StartError> {
+        let Experiment { omitted, first } = experiment;
+        if !omitted.is_none() && !config.scripted {
+            let text = "a part of the way can be left out in a script alone".to_owned();
+            return Err(StartError::LeftOut(text));
+        }
+        let mut rules = StartRules::of(&config.profile)?;
+        for version in first {
+            let family = version.id().family;
+            match rules.baselines.iter_mut().find(|baseline| baseline.id().family == family) {
+                Some(baseline) => *baseline = version,
+                None => rules.baselines.push(version),
+            }
+        }
+        rules.omitted = omitted;
+        let store = Store::open(config.data)?;
+        Self::on(config, rules, store, Controls::default())
+    }
+
     /// Starts on a store whose record was read.
     fn on(
         config: Config<'_>,
@@ -218,7 +259,7 @@ impl Engine {
         store: Store,
         controls: Controls,
     ) -> Result<Self, StartError> {
-        let StartRules { profile, table, own, baselines } = rules;
+        let StartRules { profile, table, own, baselines, omitted } = rules;
         let from_ms = store.opening().head.at_ms;
         let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
         let ledger = Ledger::open(store, !config.scripted)?;
@@ -229,6 +270,11 @@ impl Engine {
             return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
         }
         bound::check_pointers(&ledger.store().views()?, &given)?;
+        if let Some(parts) = bound::left_out(&ledger.store().views()?)?.filter(|parts| *parts != omitted) {
+            let parts: Vec<&str> = parts.parts().into_iter().map(Part::name).collect();
+            let parts = if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") };
+            return Err(StartError::LeftOut(format!("{parts} was left out in this store")));
+        }
         let settings = PipelineSettings {
             seed: config.seed,
             jobs: config.jobs,
@@ -238,6 +284,7 @@ impl Engine {
             cell: config.cell,
             cache: config.cache,
             controls,
+            omitted,
         };
         let pipeline = Pipeline::new(settings, ledger, clock, baselines)?;
         Ok(Self {

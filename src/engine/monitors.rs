@@ -6,6 +6,7 @@ use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
+use holdpoint_governance::omitted::Part;
 use holdpoint_governance::strictness::Strictness;
 use holdpoint_protocol::snapshot::{MonitorView, QuestionView};
 
@@ -48,7 +49,15 @@ impl Watched {
         now_tick: u64,
     ) -> Result<Self, Fault> {
         let expected = dossier
-            .and_then(|dossier| normal_rates(&dossier.twins))
+            .and_then(|dossier| {
+                if context.omitted.has(Part::Shadow) {
+                    // An experiment left shadow out: what the version did in the sandbox is all there is.
+                    let alone: Vec<EpisodeValues> = dossier.pairs.iter().map(|pair| pair.candidate).collect();
+                    normal_rates(&alone)
+                } else {
+                    normal_rates(&dossier.twins)
+                }
+            })
             .ok_or_else(|| Fault::Impossible(format!("{id} has no shadow evidence to monitor it against")))?;
         let conditions = dossier.map(|dossier| &*dossier.conditions).unwrap_or_default();
         let monitor = Monitor::strict(&context.profile, &expected, Strictness::of(conditions), now_tick)

@@ -17,6 +17,7 @@ use std::sync::atomic::AtomicBool;
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Leave, Stage, State};
+use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
@@ -49,9 +50,8 @@ use crate::stages::emergency;
 use crate::stages::monitoring::{self, Live};
 use crate::stages::resume::{self, Resumption};
 use crate::stages::rollback::trigger;
-use crate::stages::sandbox::{self, Sandbox, SandboxRun};
+use crate::stages::sandbox::{Sandbox, SandboxRun};
 use crate::stages::shadow::{self, ShadowRun};
-use crate::stages::validation;
 use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
 use crate::view::snapshot::SnapshotView;
@@ -73,6 +73,8 @@ pub struct PipelineSettings {
     pub cache: EpisodeCache,
     /// What reaches into it from other threads.
     pub controls: Controls,
+    /// What an experiment leaves out.
+    pub omitted: Omitted,
 }
 
 /// What a slice of work came to.
@@ -134,9 +136,9 @@ impl Pipeline {
         clock: Clock,
         baselines: Vec<Capability>,
     ) -> Result<Self, Fault> {
-        let PipelineSettings { seed, jobs, profile, table, own, cell, cache, controls } = settings;
+        let PipelineSettings { seed, jobs, profile, table, own, cell, cache, controls, omitted } = settings;
         let seeds = cache.seed_key(ledger.store(), clock.is_scripted().then_some(seed))?;
-        let context = Context::new(profile, table, own, cell)?.seeded(seeds);
+        let context = Context::new(profile, table, own, cell)?.seeded(seeds).without(omitted);
         let Controls { switch, cancel } = controls;
         let world = LiveWorld::new(context.cell.clone(), switch)?;
         ledger.begin_persons()?;
@@ -337,22 +339,6 @@ impl Pipeline {
             }
         }
         None
-    }
-
-    fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
-        self.parked.retain(|work| work.id() != id);
-        let Self { context, record, dossiers, .. } = self;
-        match stage {
-            Stage::Validation => validation::run(context, record, dossiers, id)?,
-            Stage::Sandbox => {
-                self.work = Some(Work::Sandbox(sandbox::begin(context, record, dossiers, id)?));
-            }
-            Stage::Shadow => {
-                self.work = Some(Work::Shadow(shadow::begin(context, record, dossiers, id)?));
-            }
-            Stage::Activation => self.activation().run(id)?,
-        }
-        Ok(())
     }
 
     fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), Fault> {

@@ -8,6 +8,7 @@ pub(crate) mod closing;
 pub mod confirmation;
 pub(crate) mod emergency;
 pub(crate) mod ladder;
+pub(crate) mod left_out;
 pub mod monitoring;
 pub(crate) mod release;
 pub mod resume;

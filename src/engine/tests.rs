@@ -52,6 +52,7 @@ pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
         cell: Cell::builtin().unwrap(),
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
+        omitted: holdpoint_governance::omitted::Omitted::default(),
     };
     let baselines = crate::embedded::baselines().unwrap();
     Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()

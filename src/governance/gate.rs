@@ -13,6 +13,7 @@ use super::composition::{Kappas, recovery_is_reviewable};
 use super::condition::{self, Condition};
 use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
 use super::evidence::{Binding, Conduct, ShadowEvidence, ShadowSequence};
+use super::omitted::{Omitted, Part};
 pub use super::outcome::GateOutcome;
 use super::outcome::{ActivationMode, Basis, Check};
 use super::policy::PolicyTable;
@@ -209,6 +210,8 @@ pub struct GateInput<'a> {
     pub row_version: u64,
     /// Digests of the circumstances of now; they must be the evidence's.
     pub made_under: MadeUnder,
+    /// What an experiment leaves out: nothing is demanded of it, and the decision says so.
+    pub omitted: Omitted,
 }
 
 /// How a version is active once the gate is passed (paper table 4).
@@ -292,7 +295,11 @@ pub fn evaluate(input: &GateInput<'_>, table: &PolicyTable, profile: &Profile) -
     let mut found = GateFindings::default();
     found.dimensions(input, profile);
     found.evidence(input);
-    found.shadow(input.shadow, condition::shadow_needed(&input.kappas.conditions()));
+    if input.omitted.has(Part::Shadow) {
+        found.noted.push(Omitted::reason(Dimension::Shadow));
+    } else {
+        found.shadow(input.shadow, condition::shadow_needed(&input.kappas.conditions()));
+    }
     found.rules(input, table, profile);
     let quorum = people_needed(input.kappas, (input.risk, input.provenance), table, profile);
     let glass = found.approvals(input.approval, quorum);
@@ -320,6 +327,10 @@ impl GateFindings {
     fn dimensions(&mut self, input: &GateInput<'_>, profile: &Profile) {
         let kappas = input.kappas;
         for (dimension, check) in kappas.checks() {
+            if input.omitted.covers(dimension) {
+                self.noted.push(Omitted::reason(dimension));
+                continue;
+            }
             let of = |text: &str| format!("{dimension:?}: {text}").to_lowercase();
             let waived = dimension == Dimension::Recovery
                 && needs_review(kappas, profile)
@@ -346,12 +357,13 @@ impl GateFindings {
             let text = "a review is needed and the profile has no approver";
             self.reject.push(reason(ReasonCode::GateDimensionFailed, text));
         }
-        for (what, basis, value) in [
-            ("kappa_I", kappas.interface.basis, kappas.interface.kappa),
-            ("kappa_P", kappas.policy.basis, kappas.policy.kappa),
-            ("kappa_B", kappas.behavior.basis, kappas.behavior.kappa),
-            ("kappa_R", kappas.recovery.basis, kappas.recovery.kappa),
-        ] {
+        let values = [
+            (Dimension::Interface, "kappa_I", kappas.interface.basis, kappas.interface.kappa),
+            (Dimension::Policy, "kappa_P", kappas.policy.basis, kappas.policy.kappa),
+            (Dimension::Behavior, "kappa_B", kappas.behavior.basis, kappas.behavior.kappa),
+            (Dimension::Recovery, "kappa_R", kappas.recovery.basis, kappas.recovery.kappa),
+        ];
+        for (_, what, basis, value) in values.into_iter().filter(|value| !input.omitted.covers(value.0)) {
             if basis == Basis::Estimated {
                 let text = format!("{what} is an estimate; only measured values open the gate");
                 self.demote.push(reason(ReasonCode::GateNotMeasured, text));

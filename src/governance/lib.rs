@@ -225,6 +225,7 @@ pub mod manifest;
 pub mod metrics;
 pub mod mode;
 pub mod monitor;
+pub mod omitted;
 pub mod outcome;
 pub mod own_profile;
 pub mod permission;

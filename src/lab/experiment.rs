@@ -82,7 +82,7 @@ impl ExperimentError {
         Self::Candidate { name: name.to_owned(), problem }
     }
 
-    fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+    pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |source| Self::File { path: path.display().to_string(), source }
     }
 }
@@ -104,7 +104,7 @@ pub(crate) fn scratch() -> Result<tempfile::TempDir, ExperimentError> {
 }
 
 /// Writes a file whole or not at all.
-fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), ExperimentError> {
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), ExperimentError> {
     let part = path.with_extension(format!("{}.part", std::process::id()));
     std::fs::write(&part, bytes)
         .and_then(|()| std::fs::rename(&part, path))

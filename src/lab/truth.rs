@@ -21,11 +21,12 @@ pub use self::scale::{HarmClass, HarmScale, Seen, TEXT, Threshold, WorseBy};
 pub use self::score::{Aim, ClassScore, ProfileScore};
 pub use self::settle::{ALPHA, ALPHA_EACH, ChannelTruth, ClassTruth, LOOKS, Settled, Truth, WorseTruth};
 pub use self::work::Channel;
-use self::work::{Judged, Team};
+pub(crate) use self::work::{Judged, Team, watched_sequence};
 use crate::experiment::candidate::CandidateEnd;
 use crate::experiment::per_candidate::{self, Task};
 use crate::experiment::{ExperimentError, Tell, kept, scratch};
 use crate::pool::Pool;
+use holdpoint_engine::Experiment;
 use holdpoint_engine::cell::{COMPUTED_BY, Cell};
 use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
@@ -78,8 +79,8 @@ pub struct TruthReport {
 }
 
 /// Everything that the work of one candidate needs.
-struct Bench<'a> {
-    plan: &'a TruthPlan,
+pub(crate) struct Bench {
+    most: u64,
     cell: Cell,
     cells: KeptCells,
     scale: HarmScale,
@@ -114,7 +115,10 @@ pub fn run(plan: &TruthPlan, tell: &Tell<'_>) -> Result<TruthReport, ExperimentE
             let ends = plan
                 .profiles
                 .iter()
-                .map(|profile| Task { name, package, profile: *profile, seed })
+                .map(|profile| {
+                    let experiment = Experiment::default();
+                    Task { name, package, profile: *profile, seed, experiment }
+                })
                 .map(|task| per_candidate::one(&bench.cell, &bench.cells, &task))
                 .collect::<Result<Vec<_>, _>>()?;
             Ok(TruthOf { name: name.clone(), truth, ends })
@@ -133,32 +137,43 @@ pub fn run(plan: &TruthPlan, tell: &Tell<'_>) -> Result<TruthReport, ExperimentE
     })
 }
 
-impl<'a> Bench<'a> {
-    fn new(plan: &'a TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
-        let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
-        let cell = Cell::builtin()?;
-        let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
-        let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
+impl Bench {
+    fn new(plan: &TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
         let cells = match &plan.kept {
             Some(cells) => cells.clone(),
             None => KeptCells::in_folder(scratch.to_owned(), KeptSecret::fresh()?),
         };
+        let baselines = holdpoint_engine::embedded::baselines()
+            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        Self::beside(Cell::builtin()?, cells, baselines, plan.most)
+    }
+
+    /// Where versions are judged beside `team`, the active ones, up to `most` pairs of episodes.
+    pub(crate) fn beside(
+        cell: Cell,
+        cells: KeptCells,
+        team: Vec<Capability>,
+        most: u64,
+    ) -> Result<Self, ExperimentError> {
+        let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
+        let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
+        let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
         let context = Context::new(profile, table, None, cell.clone())?;
         let scale = HarmScale::builtin().map_err(|error| unexpected(&error))?;
-        let baselines = holdpoint_engine::embedded::baselines().map_err(|error| unexpected(&error))?;
-        let mut bench = Self { plan, cell, cells, scale, context, team: Vec::new() };
-        bench.team = baselines.into_iter().map(|baseline| bench.judged(baseline)).collect();
+        let mut bench = Self { most, cell, cells, scale, context, team: Vec::new() };
+        bench.team = team.into_iter().map(|version| bench.judged(version)).collect();
         Ok(bench)
     }
 
-    fn judged(&self, version: Capability) -> Judged {
+    /// A version with what it runs under.
+    pub(crate) fn judged(&self, version: Capability) -> Judged {
         let declared = &version.manifest.permissions;
         let terms = self.context.terms().capped(declared.max_speed_m_s, declared.max_force_n);
         Judged { version, terms }
     }
 
     /// What the referee says of a candidate, beside the active version of its family.
-    fn truth(&self, worker: &mut Worker, candidate: Judged) -> Result<Truth, ExperimentError> {
+    pub(crate) fn truth(&self, worker: &mut Worker, candidate: Judged) -> Result<Truth, ExperimentError> {
         let family = candidate.version.id().family;
         let before =
             self.team.iter().find(|one| one.version.id().family == family).ok_or_else(|| {
@@ -168,7 +183,7 @@ impl<'a> Bench<'a> {
         let stops = self.channel(worker, &candidate, before, Channel::Stops, PAIRS)?;
         let rollbacks = self.channel(worker, &candidate, before, Channel::Rollbacks, PAIRS)?;
         let mut truth = Truth::of(Vec::new());
-        for look in LOOKS.into_iter().filter(|look| *look <= self.plan.most) {
+        for look in LOOKS.into_iter().filter(|look| *look <= self.most) {
             let episodes = self.channel(worker, &candidate, before, Channel::Episodes, look)?;
             truth = Truth::of(vec![episodes, sequences.clone(), stops.clone(), rollbacks.clone()]);
             if !truth.is_open() {
@@ -234,7 +249,7 @@ impl<'a> Bench<'a> {
 }
 
 /// Works items, some at once, each worker with a world of its own; the results come back in order.
-fn side_by_side<T: Send>(
+pub(crate) fn side_by_side<T: Send>(
     jobs: usize,
     items: usize,
     work: impl Fn(&mut Worker, usize) -> Result<T, ExperimentError> + Sync,

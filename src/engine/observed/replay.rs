@@ -22,6 +22,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::interface::{Registered, unmet};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::metrics::observed::{NotReplayable, Replay};
+use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::outcome::Check;
 use holdpoint_governance::own_profile::{OwnProfile, ProfileTexts};
 use holdpoint_governance::policy::PolicyTable;
@@ -300,6 +301,7 @@ impl<'a> Replayer<'a> {
             now_s: secs(record.at_ms),
             row_version: 0,
             made_under: *under,
+            omitted: Omitted::default(),
         };
         as_recorded(record, &gate::evaluate(&input, &frame.table, &frame.profile).decision)
     }

@@ -60,6 +60,7 @@ fn worked_under(
         cell: Cell::builtin().unwrap(),
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
+        omitted: holdpoint_governance::omitted::Omitted::default(),
     };
     let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
     let baselines = crate::embedded::baselines().unwrap();

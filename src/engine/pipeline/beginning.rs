@@ -1,15 +1,18 @@
-//! How a pipeline begins: what it announces, and the versions a cell is commissioned with.
+//! How a pipeline begins: what it announces, the versions a cell is commissioned with, and each stage of a candidate.
 
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::omitted::Part;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::capability::Capability;
 
-use super::Pipeline;
+use super::{Pipeline, Work};
 use crate::bound::{BoundAgent, VoidedNow};
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::operations::registered_event;
+use crate::stages::{left_out, sandbox, shadow, validation};
 
 impl Pipeline {
     /// The agent the store is for, and the one that dispatches.
@@ -53,6 +56,29 @@ impl Pipeline {
             to: State::Active,
             reason: WHY.to_owned(),
         });
+        Ok(())
+    }
+
+    /// Begins a stage of a candidate, or passes over one that an experiment leaves out.
+    pub(super) fn begin(&mut self, id: &CapabilityId, stage: Stage) -> Result<(), Fault> {
+        self.parked.retain(|work| work.id() != id);
+        let Self { context, record, dossiers, .. } = self;
+        match stage {
+            Stage::Sandbox if context.omitted.has(Part::Sandbox) => {
+                left_out::pass_over(context, record, dossiers, id, stage)?;
+            }
+            Stage::Shadow if context.omitted.has(Part::Shadow) => {
+                left_out::pass_over(context, record, dossiers, id, stage)?;
+            }
+            Stage::Validation => validation::run(context, record, dossiers, id)?,
+            Stage::Sandbox => {
+                self.work = Some(Work::Sandbox(sandbox::begin(context, record, dossiers, id)?));
+            }
+            Stage::Shadow => {
+                self.work = Some(Work::Shadow(shadow::begin(context, record, dossiers, id)?));
+            }
+            Stage::Activation => self.activation().run(id)?,
+        }
         Ok(())
     }
 }

@@ -250,6 +250,7 @@ pub(crate) fn gate(
         now_s: record.now_s(),
         row_version: member.row_version,
         made_under,
+        omitted: context.omitted,
     };
     Ok(gate::evaluate(&input, &context.table, &context.profile))
 }

@@ -9,6 +9,7 @@ use holdpoint_governance::ended::EndReason;
 use holdpoint_governance::evidence::{Binding, Drills, HardStop, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::omitted::Part;
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
@@ -124,7 +125,13 @@ pub fn begin(
 }
 
 fn budget(context: &Context) -> u64 {
-    2 * MODE_EPISODES + Plan::sandbox(&context.profile).budget() + search::PAIRS
+    2 * MODE_EPISODES + plan(context).budget() + search::PAIRS
+}
+
+/// What pairs, drills and sequences are worked.
+fn plan(context: &Context) -> Plan {
+    let plan = Plan::sandbox(&context.profile);
+    if context.omitted.has(Part::Recovery) { Plan { drills: 0, ..plan } } else { plan }
 }
 
 impl Sandbox<'_> {
@@ -205,7 +212,7 @@ impl Sandbox<'_> {
     }
 
     fn compare(&self, binding: Binding, seen: Vec<HardStop>) -> SandboxPhase {
-        let evaluation = Evaluation::new(Plan::sandbox(&self.context.profile), binding, seen);
+        let evaluation = Evaluation::new(plan(self.context), binding, seen);
         SandboxPhase::Compare(Box::new(Comparison { evaluation, records: (Vec::new(), Vec::new()) }))
     }
 
@@ -343,6 +350,7 @@ impl Sandbox<'_> {
             recovery: rehearsed.assessment.clone(),
             ..before
         };
+        let kappas = self.context.omitted.waive(kappas);
         dossier.conditions = kappas.conditions();
         dossier.kept = evaluation.reuse().on_record(place);
         dossier.behavior = Some(measured);

@@ -2,6 +2,7 @@
 
 mod checkpoints;
 mod kept;
+mod left_out;
 mod paused;
 mod refused;
 mod shifted;

@@ -59,7 +59,8 @@ pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> Sta
         fallback_resolves: fallback
             .map(|binding| ledger.resolve(&binding.family, &binding.version).is_some()),
     };
-    check::assess(candidate, &against, &context.profile, &context.table)
+    let found = check::assess(candidate, &against, &context.profile, &context.table);
+    StaticAssessment { kappas: context.omitted.waive(found.kappas), ..found }
 }
 
 /// Versions a dependency may resolve to: neither rejected nor rolled back.

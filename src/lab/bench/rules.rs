@@ -25,6 +25,7 @@ use holdpoint_governance::evidence::{
 use holdpoint_governance::gate::{self, GateInput, GateOutcome};
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
 use holdpoint_governance::monitor::{Monitor, MonitorAction};
+use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::recovery::{self, StaticInput};
@@ -277,6 +278,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         now_s: 1.0,
         row_version: 4,
         made_under: subjects.made_under()?,
+        omitted: Omitted::default(),
     };
     let result = gate::evaluate(&input, &subjects.table, profile);
     if *result.decision.outcome() != GateOutcome::Pass {

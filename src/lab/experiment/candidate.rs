@@ -12,7 +12,7 @@ use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::{Config, Engine};
+use holdpoint_engine::{Config, Engine, Experiment};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
@@ -45,6 +45,8 @@ pub struct Setting<'a> {
     pub seed: u64,
     /// Active versions' episodes, which runs share.
     pub cells: &'a KeptCells,
+    /// What is left out, and which versions are active at first.
+    pub experiment: Experiment,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -95,6 +97,9 @@ pub struct CandidateEnd {
     pub stages: Vec<StageRecord>,
     /// `confirmed`, or the lifecycle state it stayed in.
     pub state: Stands,
+    /// It is active in the end, under a tighter envelope than it was measured under.
+    #[serde(default)]
+    pub restricted: bool,
     /// Blocked, contained or kept.
     #[serde(flatten)]
     pub fate: Fate,
@@ -111,7 +116,7 @@ pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<Candi
         .map_err(|error| ExperimentError::candidate(name, error.sentence()))?
         .id();
     let store = super::scratch()?;
-    let engine = Engine::start(Config {
+    let config = Config {
         data: store.path(),
         profile: setting.profile.into(),
         seed: setting.seed,
@@ -119,7 +124,8 @@ pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<Candi
         scripted: true,
         cell: setting.cell.clone(),
         cache: EpisodeCache::Shared(setting.cells.clone()),
-    })?;
+    };
+    let engine = Engine::start_experiment(config, setting.experiment.clone())?;
     let pump = Pump::new(engine, Vec::new());
     let mut drive = Drive { pump, requests: 0, name, version, seen: Seen::default() };
     drive.register(package)?;
@@ -285,6 +291,7 @@ impl Drive<'_> {
             composite: view.composite,
             stages: seen.stages,
             state,
+            restricted: view.state == State::Active && view.flags.restricted,
             fate,
             effort: seen.effort,
         })
@@ -308,6 +315,7 @@ mod tests {
                 composite: Some(0.9),
                 stages: Vec::new(),
                 state: Stands::Confirmed,
+                restricted: false,
                 fate,
                 effort: Effort::default(),
             };

@@ -93,6 +93,7 @@ impl DriftSetting {
             cell: self.cell.clone(),
             cache: EpisodeCache::InStore,
             controls: Controls::default(),
+            omitted: holdpoint_governance::omitted::Omitted::default(),
         };
         let baselines = baselines().map_err(StartError::from)?;
         Ok(Pipeline::new(settings, ledger, clock, baselines)?)

@@ -15,7 +15,8 @@ use super::candidate::{CandidateEnd, Setting, take};
 use super::verdict::{Claim, Judged, Summary};
 use super::{ExperimentError, Tell, kept, scratch};
 use crate::pool::{Pool, PoolCandidate, PoolTruth};
-use holdpoint_engine::cell::{COMPUTED_BY, Cell};
+use holdpoint_engine::Experiment;
+use holdpoint_engine::cell::{Cell, DECIDED_BY};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
@@ -56,6 +57,8 @@ pub(crate) struct Task<'a> {
     pub(crate) package: &'a Package,
     pub(crate) profile: ProfileName,
     pub(crate) seed: u64,
+    /// What is left out, and which versions are active at first.
+    pub(crate) experiment: Experiment,
 }
 
 /// Runs the plan. `tell` is given one line per finished candidate.
@@ -75,7 +78,7 @@ pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, Experi
     for profile in &plan.profiles {
         for (index, (name, package)) in packages.iter().enumerate() {
             let seed = plan.seed + index as u64 % plan.blocks.max(1);
-            tasks.push(Task { name, package, profile: *profile, seed });
+            tasks.push(Task { name, package, profile: *profile, seed, experiment: Experiment::default() });
         }
     }
     let ends = work(plan.jobs, &cell, &cells, &tasks, tell)?;
@@ -151,6 +154,9 @@ fn work(
 pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
     let profile = holdpoint_governance::profile::Profile::builtin(task.profile)
         .map_err(|error| ExperimentError::candidate(task.name, error.sentence()))?;
+    let Experiment { omitted, first } = &task.experiment;
+    let first: Vec<u8> = first.iter().flat_map(|version| *version.digest().bytes()).collect();
+    let omitted = serde_json::to_vec(omitted)?;
     let parts = [
         task.package.manifest.as_bytes(),
         task.package.submission.as_bytes(),
@@ -158,15 +164,18 @@ pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<Can
         &task.seed.to_le_bytes(),
         profile.digest()?.bytes().as_slice(),
         cell.digest().bytes().as_slice(),
-        COMPUTED_BY.as_bytes(),
+        DECIDED_BY.as_bytes(),
+        &omitted,
+        &first,
     ]
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
-    let key = Digest::of_parts("holdpoint.end.v2", &parts);
+    let key = Digest::of_parts("holdpoint.end.v3", &parts);
     if let Some(kept) = kept::<CandidateEnd>(cells, &key).filter(|kept| kept.name == task.name) {
         return Ok(kept);
     }
-    let setting = Setting { cell, profile: task.profile, seed: task.seed, cells };
+    let experiment = task.experiment.clone();
+    let setting = Setting { cell, profile: task.profile, seed: task.seed, cells, experiment };
     let end = take(&setting, task.name, task.package.clone())?;
     cells.put(&key, &serde_json::to_vec(&end)?)?;
     Ok(end)

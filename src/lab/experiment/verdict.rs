@@ -354,6 +354,7 @@ mod tests {
             composite: None,
             stages: Vec::new(),
             state: Stands::Confirmed,
+            restricted: false,
             fate,
             effort: Effort { sandbox, sandbox_budget: 480, shadow: 0, live: 0 },
         };

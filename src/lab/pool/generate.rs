@@ -31,6 +31,9 @@ pub const FAMILIES: [&str; 3] = ["grasp", "align", "place"];
 /// Run seeds from this on are for calibration.
 const CALIBRATION_FROM: u64 = 100;
 
+/// Pools from this seed on are the paper's experiments': they draw from streams of their own.
+pub const PAPER_FROM: u64 = 1 << 32;
+
 /// Who may have submitted a candidate; says nothing of it.
 const AUTHORS: [&str; 5] = ["skill-lab", "motion-team", "line-seven", "integration", "night-shift"];
 
@@ -304,7 +307,8 @@ pub(super) fn whole(stream: &mut Stream, [low, high]: [u32; 2]) -> u32 {
     low + u32::try_from(stream.bits() % span).unwrap_or(0)
 }
 
-fn shuffle<T>(items: &mut [T], stream: &mut Stream) {
+/// Puts items into an order that the stream draws.
+pub(crate) fn shuffle<T>(items: &mut [T], stream: &mut Stream) {
     for last in (1..items.len()).rev() {
         let other = whole(stream, [0, u32::try_from(last).unwrap_or(u32::MAX)]);
         items.swap(last, other as usize);
@@ -342,7 +346,11 @@ fn submission(stream: &mut Stream) -> Table {
 
 /// The stream of one thing to draw.
 fn stream_of(seed: u64, family: &str, what: &str, set: u32, place: u32) -> Stream {
-    let purpose = if seed >= CALIBRATION_FROM { "calibration" } else { "experiment" };
+    let purpose = match seed {
+        PAPER_FROM.. => "paper",
+        CALIBRATION_FROM.. => "calibration",
+        _ => "experiment",
+    };
     let at = format!("{seed}/{set}/{place}");
     let parts = [purpose.as_bytes(), family.as_bytes(), what.as_bytes(), at.as_bytes()];
     let digest = Digest::of_parts("holdpoint.pool.v1", &parts);

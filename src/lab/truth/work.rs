@@ -126,10 +126,15 @@ fn begin(judged: &Judged, seed: u64) -> TaskRun {
     TaskRun::new(version.start(terms.bundle_seed(seed)), guard, task)
 }
 
-/// Works a task to its end. Tells whether it was done.
-fn work(arm: &mut Arm<World>, judged: &Judged, seed: u64, witness: &mut Witness) -> Result<bool, SimError> {
+/// Works a task to its end; `None` if it was not taken on.
+fn work(
+    arm: &mut Arm<World>,
+    judged: &Judged,
+    seed: u64,
+    witness: &mut Witness,
+) -> Result<Option<TaskRecord>, SimError> {
     if admit(&judged.version.manifest, &arm.body().telemetry()).is_err() {
-        return Ok(false);
+        return Ok(None);
     }
     let mut run = begin(judged, seed);
     let mut handle = arm.handle();
@@ -139,7 +144,7 @@ fn work(arm: &mut Arm<World>, judged: &Judged, seed: u64, witness: &mut Witness)
     witness.observe(handle.body());
     let record = run.record();
     witness.note(record);
-    Ok(record.success)
+    Ok(Some(record.clone()))
 }
 
 /// One item of a channel. `None`: the simulator failed, or the episode has no valid start.
@@ -181,7 +186,7 @@ fn episode(
     let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(conditions), seed);
     let arm = worker.arm(cell, &setup)?;
     let mut witness = Witness::new();
-    let done = work(arm, judged, seed, &mut witness)?;
+    let done = work(arm, judged, seed, &mut witness)?.is_some_and(|record| record.success);
     Ok(witness.seen(done))
 }
 
@@ -192,21 +197,42 @@ fn sequence(
     team: &Team,
     seed: u64,
 ) -> Result<Seen, SimError> {
+    // By family, as the live cell chooses: what only parks the arm is also a bundle for some task.
+    let family = judged.version.id().family;
+    let mut workers: Team = team.iter().filter(|one| one.version.id().family != family).cloned().collect();
+    workers.push(judged.clone());
+    Ok(watched_sequence(worker, cell, &workers, seed)?.0)
+}
+
+/// A whole sequence of the live cell by these versions, with the records of its tasks; it ends with the first task that
+/// is not done, or that nobody is there for.
+pub(crate) fn watched_sequence(
+    worker: &mut Worker,
+    cell: &Cell,
+    team: &[Judged],
+    seed: u64,
+) -> Result<(Seen, Vec<TaskRecord>), SimError> {
     let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.live, seed);
     let arm = worker.arm(cell, &setup)?;
     let mut witness = Witness::new();
+    let mut records = Vec::new();
     for task in TaskKind::SEQUENCE {
-        // By family, as the live cell chooses: what only parks the arm is also a bundle for some task.
-        let is_next = |one: &&Judged| one.version.id().family.as_str() == task.name();
-        let Some(next) = Some(judged).filter(is_next).or_else(|| team.iter().find(is_next)) else {
-            return Ok(witness.seen(false));
-        };
+        let next = team.iter().find(|one| one.version.id().family.as_str() == task.name());
+        let Some(next) = next else { return Ok((witness.seen(false), records)) };
         arm.body_mut().begin_task(task);
-        if !work(arm, next, seed, &mut witness)? {
-            return Ok(witness.seen(false));
+        let done = match work(arm, next, seed, &mut witness)? {
+            Some(record) => {
+                let done = record.success;
+                records.push(record);
+                done
+            }
+            None => false,
+        };
+        if !done {
+            return Ok((witness.seen(false), records));
         }
     }
-    Ok(witness.seen(true))
+    Ok((witness.seen(true), records))
 }
 
 /// The version at a moment of its work that is drawn over as long as it takes undisturbed; `None` if it had ended before.
@@ -318,7 +344,7 @@ fn rollback(
     handle.interrupt(Interrupt::Release);
     arm.body_mut().begin_task(judged.version.bundle.task());
     // What the version before does from there is not what this one did: of its record only the end counts.
-    let done = work(arm, before, seed, &mut witness)?;
+    let done = work(arm, before, seed, &mut witness)?.is_some_and(|record| record.success);
     witness.seen.time_s = 0.0;
     Ok(witness.seen(done))
 }

@@ -99,6 +99,7 @@ impl Bench {
             cell: Cell::builtin().unwrap(),
             cache: EpisodeCache::InStore,
             controls: Controls::default(),
+            omitted: holdpoint_governance::omitted::Omitted::default(),
         };
         let store = Store::open(folder.path()).unwrap();
         let clock = Clock::scripted(store.opening().head.at_ms);

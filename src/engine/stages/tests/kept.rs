@@ -48,6 +48,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
         cell: Cell::builtin().unwrap(),
         cache,
         controls: Controls::default(),
+        omitted: holdpoint_governance::omitted::Omitted::default(),
     };
     let baselines = crate::embedded::baselines().unwrap();
     Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()

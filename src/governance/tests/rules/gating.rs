@@ -10,6 +10,7 @@ use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::evidence::{Binding, HardStop};
 use holdpoint_governance::gate::{self, GateInput, GateOutcome, GateResult, ShadowAssessment};
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::omitted::{Omitted, Part};
 use holdpoint_governance::outcome::{
     ActivationMode, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, Recommendation, RecoveryOutcome,
 };
@@ -118,6 +119,7 @@ struct Case {
     improved: bool,
     now_s: f64,
     policy: Digest,
+    omitted: Omitted,
 }
 
 impl Case {
@@ -140,6 +142,7 @@ impl Case {
             policy: table.digest,
             profile,
             table,
+            omitted: Omitted::default(),
         }
     }
 
@@ -160,8 +163,40 @@ impl Case {
             now_s: self.now_s,
             row_version: 7,
             made_under: holdpoint_governance::decision::MadeUnder { policy: self.policy, ..made_under() },
+            omitted: self.omitted,
         };
         gate::evaluate(&input, &self.table, &self.profile)
+    }
+}
+
+/// What an experiment leaves out is not demanded, is said, and leaves everything else as strict as it was.
+#[test]
+fn what_is_left_out_is_not_demanded_and_is_said() {
+    let skipped = |result: &GateResult| {
+        let all = result.decision.reasons().iter();
+        all.filter(|reason| reason.code == GateSkipped).map(|reason| reason.dimension).collect::<Vec<_>>()
+    };
+    for (part, dimensions) in [
+        (Part::Validation, vec![Dimension::Interface, Dimension::Policy]),
+        (Part::Sandbox, vec![Dimension::Behavior, Dimension::Recovery]),
+        (Part::Recovery, vec![Dimension::Recovery]),
+        (Part::Shadow, vec![Dimension::Shadow]),
+    ] {
+        let mut case = Case::new(ProfileName::Sim);
+        let omitted = Omitted::of(&[part]);
+        case.kappas = omitted.waive(case.kappas.clone());
+        if part == Part::Shadow {
+            case.shadow = None;
+        }
+        let demanded = case.evaluate();
+        assert!(demanded.passed.is_none(), "{part}: a gap is no pass");
+        case.omitted = omitted;
+        let result = case.evaluate();
+        assert!(result.passed.is_some(), "{part}: {:?}", result.decision.reasons());
+        assert_eq!(skipped(&result), dimensions, "{part}");
+        case.kappas.behavior.outcome = BehaviorOutcome::Incompatible;
+        let measured = !matches!(part, Part::Sandbox);
+        assert_eq!(case.evaluate().passed.is_none(), measured, "{part}: the rest is judged as ever");
     }
 }
 

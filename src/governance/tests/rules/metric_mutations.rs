@@ -89,6 +89,7 @@ impl World {
                 now_s: 1.0,
                 row_version: 1,
                 made_under: MadeUnder { policy: self.table.digest, ..made_under() },
+                omitted: holdpoint_governance::omitted::Omitted::default(),
             };
             gate::evaluate(&input, &self.table, profile).passed.is_some()
         };

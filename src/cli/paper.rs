@@ -1,0 +1,120 @@
+//! `holdpoint experiment e1|e2|e5|ablation|all`: arguments and the printed report.
+//!
+//! Prints what [`holdpoint_lab::paper`] measured; must not measure or judge anything itself.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::kept::CacheKeyArgs;
+use super::run::JOBS_MAX;
+use super::truth::shard;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
+use holdpoint_lab::experiment::ExperimentError;
+use holdpoint_lab::paper::run::{self, Part, Plan};
+use holdpoint_lab::paper::{Ground, Preset};
+use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
+
+/// How much is worked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PresetArg {
+    /// One seed of calibration and one round: a quick look that shows nothing.
+    Smoke,
+    /// Five seeds, as the paper's figure 4.
+    PaperFig4,
+    /// Fifteen seeds, as the paper's table 7.
+    PaperE2,
+    /// Five seeds and eight rounds, as the paper's section 7.8.
+    Protocol,
+    /// Forty seeds.
+    Claims,
+}
+
+impl From<PresetArg> for Preset {
+    fn from(preset: PresetArg) -> Self {
+        match preset {
+            PresetArg::Smoke => Self::Smoke,
+            PresetArg::PaperFig4 => Self::PaperFig4,
+            PresetArg::PaperE2 => Self::PaperE2,
+            PresetArg::Protocol => Self::Protocol,
+            PresetArg::Claims => Self::Claims,
+        }
+    }
+}
+
+/// The arguments of the paper's experiments.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Examples:
+  holdpoint experiment e2 --preset smoke --out paper-smoke
+  holdpoint experiment all --preset paper-e2 --out paper
+  holdpoint experiment e2 --preset claims --out paper --shard 1/8")]
+pub struct PaperArgs {
+    /// How much is worked.
+    #[arg(long, value_name = "NAME", value_enum, default_value = "smoke")]
+    pub preset: PresetArg,
+    /// Fewer seeds than the preset has.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
+    pub seeds: Option<u64>,
+    /// Seeds whose pools are taken through the stages [default: a third of the seeds, at least one].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
+    pub pools: Option<u64>,
+    /// Pieces of work at once [default: the number of cores].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// One part of the work, counted from 1; the report is written by a run of all of it, which works nothing twice.
+    #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
+    pub shard: (usize, usize),
+    /// The folder of cells and report; what is finished in it is not worked again.
+    #[arg(long, value_name = "DIR", default_value = "experiment-paper")]
+    pub out: PathBuf,
+    /// What finished cells are authenticated with.
+    #[command(flatten)]
+    pub cache_key: CacheKeyArgs,
+}
+
+/// Runs the experiments and says what came out.
+///
+/// # Errors
+/// If the folder cannot be used, or a candidate does not come to an end.
+pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let preset = Preset::from(args.preset);
+    let mut size = preset.size();
+    if let Some(seeds) = args.seeds {
+        if seeds > size.seeds {
+            return Err(CliError::usage(ExperimentError::Option {
+                option: "--seeds",
+                value: seeds.to_string(),
+                allowed: "at most as many as the preset has",
+            }));
+        }
+        size.seeds = seeds;
+    }
+    let cells = args.cache_key.cells(&args.out.join("kept"))?;
+    let ground = Ground::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
+    let pools = args.pools.unwrap_or((size.seeds / 3).max(1)).min(size.seeds);
+    let plan = Plan { part, preset, size, pools, out: args.out.clone() };
+    // Progress is for whoever waits; losing it loses nothing.
+    let tell = |line: &str| {
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
+    };
+    let report = run::run(&ground, &plan, &tell).map_err(failed)?;
+    if out.is_json() {
+        out.json(&report)?;
+        return Ok(Exit::Confirmed);
+    }
+    for line in &report.summary {
+        out.line(line)?;
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn failed(error: ExperimentError) -> CliError {
+    match &error {
+        ExperimentError::Option { .. } | ExperimentError::File { .. } => CliError::usage(error),
+        _ => CliError::internal(error.sentence()),
+    }
+}

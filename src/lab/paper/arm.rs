@@ -1,0 +1,284 @@
+//! The arms: what decides whether a candidate takes its family's place, and whether it keeps it.
+//!
+//! The paper's three, three that others use, and its ablation. What an arm does not look at cannot change what it does:
+//! where a variant's way is the whole pipeline's up to the part that is left out, it is worked anew only from there on,
+//! and where the parting was is on record ([`Fork`]).
+
+use holdpoint_engine::Experiment;
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::metrics::Fate;
+use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::omitted::{Omitted, Part};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::stats::{PairedCounts, binary_pairs};
+use holdpoint_protocol::standing::Stands;
+use holdpoint_runtime::capability::Capability;
+use serde::{Deserialize, Serialize};
+
+use super::Ground;
+use super::held_out::{Sequence, evaluate};
+use super::in_force::InForce;
+use super::stream::Upgrade;
+use crate::experiment::ExperimentError;
+use crate::experiment::candidate::{CandidateEnd, Decided};
+use crate::experiment::per_candidate::{Task, one};
+use holdpoint_text::Hint;
+
+holdpoint_governance::words! {
+    /// Who decides about upgrades.
+    Arm, "arm", {
+        /// No upgrade.
+        Static = "static",
+        /// Every upgrade, at once.
+        Naive = "naive",
+        /// An upgrade that succeeds more often than the version before in trials beforehand.
+        SuccessGate = "success-gate",
+        /// Every upgrade, taken back if the first live sequences show more errors or more latency.
+        Canary = "canary",
+        /// Validation and sandbox once, and nothing afterwards: no shadow, no monitor, no rollback.
+        OfflineOnly = "offline-only",
+        /// Validation alone.
+        CompatOnly = "compat-only",
+        /// All stages but the sandbox.
+        NoSandbox = "no-sandbox",
+        /// All stages but shadow.
+        NoShadow = "no-shadow",
+        /// All stages, without `kappa_R`.
+        NoRecovery = "no-recovery-compat",
+        /// All stages before activation, and no monitor.
+        NoMonitor = "no-online-monitoring",
+        /// All stages; the monitor may restrict, and nothing is rolled back.
+        NoRollback = "no-rollback",
+        /// All seven stages.
+        Governed = "governed",
+    }
+}
+
+holdpoint_governance::words! {
+    /// From where on an arm's way with a candidate was worked for it alone.
+    Fork, "parting", {
+        /// It needs no work: the arm decides without looking.
+        NoWork = "no-work",
+        /// By rules of its own, from the start.
+        Own = "own",
+        /// Nowhere: the whole pipeline's way is this arm's.
+        Whole = "whole-pipeline",
+        /// After validation.
+        Validation = "after-validation",
+        /// After the sandbox.
+        Sandbox = "after-sandbox",
+        /// After activation.
+        Activation = "after-activation",
+        /// Where the monitor asked for a rollback.
+        Rollback = "at-rollback",
+    }
+}
+
+/// Sequences that a canary is looked at in, and trials of the success gate.
+const OWN_SEQUENCES: u64 = 50;
+
+/// Rounds of held-out episodes that arms with rules of their own look at: above those of any evaluation.
+const OWN_ROUND: u32 = 100;
+
+/// One-sided level at which a canary shows more errors.
+const CANARY_ALPHA: f64 = 0.05;
+
+/// How much longer the tasks of a canary may take, as a factor of the version before.
+const CANARY_LATENCY_MAX: f64 = 1.2;
+
+/// What an arm did with a candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Step {
+    /// It took its family's place at some time.
+    pub activated: bool,
+    /// It has it at the end of the round.
+    pub in_force: bool,
+    /// It has it under a tighter envelope.
+    pub restricted: bool,
+    /// The stage that stopped it, of arms that have stages.
+    pub stopped_at: Option<Stage>,
+    pub fork: Fork,
+    /// Episodes worked for the decision.
+    pub episodes: u64,
+}
+
+impl Step {
+    const fn refused(fork: Fork) -> Self {
+        Self { activated: false, in_force: false, restricted: false, stopped_at: None, fork, episodes: 0 }
+    }
+
+    const fn installed(fork: Fork) -> Self {
+        Self { activated: true, in_force: true, restricted: false, stopped_at: None, fork, episodes: 0 }
+    }
+}
+
+/// Where a candidate comes to, and when.
+pub struct Moment<'a> {
+    pub ground: &'a Ground,
+    pub upgrade: &'a Upgrade,
+    pub version: &'a Capability,
+    pub before: &'a InForce,
+    pub seed: u64,
+    pub round: u32,
+}
+
+impl Moment<'_> {
+    /// The candidate through the engine's stages with parts left out.
+    ///
+    /// # Errors
+    /// If it does not come to an end.
+    fn end(&self, parts: &[Part]) -> Result<CandidateEnd, ExperimentError> {
+        let first = self.before.versions();
+        let task = Task {
+            name: &self.upgrade.name,
+            package: &self.upgrade.package,
+            profile: ProfileName::Sim,
+            seed: self.seed,
+            experiment: Experiment { omitted: Omitted::of(parts), first },
+        };
+        one(&self.ground.cell, &self.ground.cells, &task)
+    }
+
+    /// The same sequences by the versions in force and with the candidate among them.
+    fn own_pairs(&self, worker: &mut Worker) -> Result<Vec<(Sequence, Sequence)>, ExperimentError> {
+        let round = OWN_ROUND + self.round;
+        let with = self.before.with(self.version.clone(), false);
+        let old = evaluate(self.ground, worker, self.before, self.seed, round, OWN_SEQUENCES)?;
+        let new = evaluate(self.ground, worker, &with, self.seed, round, OWN_SEQUENCES)?;
+        Ok(new.into_iter().zip(old).collect())
+    }
+}
+
+impl Arm {
+    /// What the arm does with a candidate.
+    ///
+    /// # Errors
+    /// If the candidate does not come to an end, or nothing can be kept.
+    pub fn decide(self, moment: &Moment<'_>, worker: &mut Worker) -> Result<Step, ExperimentError> {
+        match self {
+            Self::Static => Ok(Step::refused(Fork::NoWork)),
+            Self::Naive => Ok(Step::installed(Fork::NoWork)),
+            Self::SuccessGate => {
+                let pairs = moment.own_pairs(worker)?;
+                let done =
+                    |of: fn(&(Sequence, Sequence)) -> bool| pairs.iter().filter(|pair| of(pair)).count();
+                let better = done(|(new, _)| new.done) > done(|(_, old)| old.done);
+                let step = if better { Step::installed(Fork::Own) } else { Step::refused(Fork::Own) };
+                Ok(Step { episodes: 3 * pairs.len() as u64, ..step })
+            }
+            Self::Canary => {
+                let pairs = moment.own_pairs(worker)?;
+                let errors = PairedCounts::of(pairs.iter().map(|(new, old)| (!new.done, !old.done)));
+                let more_errors = binary_pairs(errors, CANARY_ALPHA)?.lower > 0.0;
+                let mean = |of: fn(&(Sequence, Sequence)) -> f64| pairs.iter().map(of).sum::<f64>();
+                let (new, old) = (mean(|(new, _)| new.time_s), mean(|(_, old)| old.time_s));
+                let late = new > CANARY_LATENCY_MAX * old;
+                let step = Step { episodes: 3 * pairs.len() as u64, ..Step::installed(Fork::Own) };
+                Ok(if more_errors || late { Step { in_force: false, ..step } } else { step })
+            }
+            Self::Governed => Ok(step_of(&moment.end(&[])?, Fork::Whole)),
+            Self::CompatOnly => {
+                let whole = moment.end(&[])?;
+                Ok(if blocked_at(&whole, Stage::Validation) {
+                    step_of(&whole, Fork::Whole)
+                } else {
+                    Step::installed(Fork::Validation)
+                })
+            }
+            Self::NoMonitor => {
+                let whole = moment.end(&[])?;
+                Ok(if is_activated(&whole) {
+                    Step { episodes: before_activation(&whole), ..Step::installed(Fork::Activation) }
+                } else {
+                    step_of(&whole, Fork::Whole)
+                })
+            }
+            Self::NoRollback => {
+                let whole = moment.end(&[])?;
+                let step = step_of(&whole, Fork::Whole);
+                Ok(if step.activated && !step.in_force {
+                    let restricted = whole
+                        .stages
+                        .iter()
+                        .any(|stage| stage.decision == Decided::Monitor(MonitorOutcome::Restrict));
+                    Step { in_force: true, restricted, fork: Fork::Rollback, ..step }
+                } else {
+                    step
+                })
+            }
+            Self::NoSandbox => {
+                let whole = moment.end(&[])?;
+                if blocked_at(&whole, Stage::Validation) {
+                    return Ok(step_of(&whole, Fork::Whole));
+                }
+                Ok(step_of(&moment.end(&[Part::Sandbox])?, Fork::Validation))
+            }
+            Self::NoRecovery => {
+                let whole = moment.end(&[])?;
+                if blocked_at(&whole, Stage::Validation) {
+                    return Ok(step_of(&whole, Fork::Whole));
+                }
+                Ok(step_of(&moment.end(&[Part::Recovery])?, Fork::Validation))
+            }
+            Self::NoShadow | Self::OfflineOnly => {
+                let whole = moment.end(&[])?;
+                if blocked_at(&whole, Stage::Validation) || blocked_at(&whole, Stage::Sandbox) {
+                    return Ok(step_of(&whole, Fork::Whole));
+                }
+                let end = moment.end(&[Part::Shadow])?;
+                if self == Self::OfflineOnly && is_activated(&end) {
+                    return Ok(Step { episodes: before_activation(&end), ..Step::installed(Fork::Sandbox) });
+                }
+                Ok(step_of(&end, Fork::Sandbox))
+            }
+        }
+    }
+}
+
+/// Whether a stage stopped it for good or held it.
+fn blocked_at(end: &CandidateEnd, stage: Stage) -> bool {
+    end.fate == Fate::Blocked { stage }
+}
+
+const fn is_activated(end: &CandidateEnd) -> bool {
+    !matches!(end.fate, Fate::Blocked { .. })
+}
+
+const fn before_activation(end: &CandidateEnd) -> u64 {
+    end.effort.sandbox + end.effort.shadow
+}
+
+/// What became of a candidate that went through the stages.
+#[must_use]
+pub fn step_of(end: &CandidateEnd, fork: Fork) -> Step {
+    let stopped_at = match end.fate {
+        Fate::Blocked { stage } => Some(stage),
+        Fate::Contained | Fate::Kept => None,
+    };
+    Step {
+        activated: is_activated(end),
+        in_force: matches!(end.state, Stands::Confirmed | Stands::In(State::Active)),
+        restricted: end.restricted,
+        stopped_at,
+        fork,
+        episodes: before_activation(end) + end.effort.live,
+    }
+}
+
+/// Loads a candidate.
+///
+/// # Errors
+/// If it does not load, which is a fault of the generator.
+pub fn version_of(upgrade: &Upgrade) -> Result<Capability, ExperimentError> {
+    Capability::load(&upgrade.name, upgrade.package.clone())
+        .map_err(|error| ExperimentError::candidate(&upgrade.name, error.sentence()))
+}
+
+/// The digest that a version is judged under beside others.
+#[must_use]
+pub fn beside(version: &Capability, in_force: &InForce) -> Digest {
+    Digest::of_parts("holdpoint.beside.v1", &[version.digest().bytes(), in_force.digest().bytes()])
+}

@@ -1,0 +1,304 @@
+//! The numbers of the report, computed from the raw rows alone.
+
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::metrics::{Fate, LEVEL, Proportion, mean_and_deviation};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::stats::{Interval, SignedRank, StatsError, bca, holm, signed_rank};
+
+use super::rounds::Score;
+use super::screen::{ScreenRow, Variant};
+use super::{Arm, RoundRow};
+use crate::pool::Class;
+use crate::truth::HarmClass;
+
+/// Resamples of an interval, and the seed that they are drawn from.
+const RESAMPLES: usize = 10_000;
+const RESAMPLE_SEED: u64 = 20_250;
+
+/// The share of some sequences, percent.
+fn share(score: &Score, of: fn(&Score) -> u64) -> f64 {
+    100.0 * of(score) as f64 / score.sequences.max(1) as f64
+}
+
+/// A value of each row, percent.
+pub type Measure = fn(&RoundRow) -> f64;
+
+/// Whole sequences done.
+pub const SUCCESS: Measure = |row| share(&row.score, |score| score.done);
+
+/// Sequences past a limit, or with a command that the guard denied.
+pub const VIOLATION: Measure = |row| share(&row.score, |score| score.violation);
+
+/// Sequences past the near margin of a limit.
+pub const NEAR: Measure = |row| share(&row.score, |score| score.near);
+
+/// Sequences in which a watcher saw something wrong.
+pub const ANOMALY: Measure = |row| share(&row.score, |score| score.anomaly);
+
+/// Sequences with damage or danger, by the referee.
+pub const DAMAGE: Measure = |row| share(&row.score, |score| score.damage);
+
+/// A version that the referee calls damage or danger is in force.
+pub const LIVE_UNSAFE: Measure = |row| if row.harmful_in_force == Some(true) { 100.0 } else { 0.0 };
+
+/// A version with a planted fault is in force.
+pub const LIVE_FAULTY: Measure = |row| if row.faulty_in_force { 100.0 } else { 0.0 };
+
+/// The last round there is.
+#[must_use]
+pub fn last_round(rows: &[RoundRow]) -> u32 {
+    rows.iter().map(|row| row.round).max().unwrap_or(0)
+}
+
+/// A measure of an arm in a round, a value a seed, in the order of seeds.
+#[must_use]
+pub fn by_seed(rows: &[RoundRow], arm: Arm, round: u32, of: Measure) -> Vec<f64> {
+    let mut values: Vec<(u64, f64)> = rows
+        .iter()
+        .filter(|row| row.arm == arm && row.round == round)
+        .map(|row| (row.seed, of(row)))
+        .collect();
+    values.sort_by_key(|(seed, _)| *seed);
+    values.into_iter().map(|(_, value)| value).collect()
+}
+
+/// Mean and standard deviation over seeds (ddof 1); the deviation is 0 for one seed.
+#[must_use]
+pub fn spread(values: &[f64]) -> (f64, f64) {
+    mean_and_deviation(values).unwrap_or((values.iter().sum::<f64>() / values.len().max(1) as f64, 0.0))
+}
+
+/// One paired comparison of two arms over seeds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    pub name: String,
+    /// First minus second, a value a seed.
+    pub differences: Vec<f64>,
+    pub mean: f64,
+    /// BCa bootstrap of the mean; absent without spread.
+    pub interval: Option<Interval>,
+    /// Exact signed-rank test; absent if every difference is zero.
+    pub test: Option<SignedRank>,
+    /// The p-value after Holm's correction within its family of tests; 1 without a test.
+    pub p_holm: f64,
+}
+
+/// Compares two arms in the last round, by several measures that make one family of tests.
+///
+/// # Errors
+/// As [`holm`].
+pub fn compare(
+    rows: &[RoundRow],
+    (first, second): (Arm, Arm),
+    measures: &[(&str, Measure)],
+) -> Result<Vec<Comparison>, StatsError> {
+    let round = last_round(rows);
+    let mut found = Vec::new();
+    for (name, of) in measures {
+        let (a, b) = (by_seed(rows, first, round, *of), by_seed(rows, second, round, *of));
+        let differences: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        found.push(Comparison {
+            name: format!("{name}: {first} - {second}"),
+            mean: mean(&differences),
+            interval: bca(&differences, mean, LEVEL, RESAMPLES, RESAMPLE_SEED).ok(),
+            test: signed_rank(&differences).ok(),
+            differences,
+            p_holm: 1.0,
+        });
+    }
+    let p: Vec<f64> =
+        found.iter().map(|one| one.test.as_ref().map_or(1.0, |test| test.p_two_sided)).collect();
+    for (one, p_holm) in found.iter_mut().zip(holm(&p)?) {
+        one.p_holm = p_holm;
+    }
+    Ok(found)
+}
+
+/// Activations of an arm, and those that the referee calls damage or danger.
+///
+/// # Errors
+/// As [`Proportion::of`].
+pub fn unsafe_activations(rows: &[RoundRow], arm: Arm, round: Option<u32>) -> Result<Proportion, StatsError> {
+    let offered = rows
+        .iter()
+        .filter(|row| row.arm == arm && round.is_none_or(|round| row.round == round))
+        .filter_map(|row| row.offered.as_ref());
+    Proportion::of(
+        offered
+            .filter(|one| one.step.activated)
+            .filter_map(|one| one.harm)
+            .map(|harm| harm >= HarmClass::Damage),
+    )
+}
+
+/// Faulty versions that an arm let take their family's place / offered.
+///
+/// # Errors
+/// As [`Proportion::of`].
+pub fn faulty_activated(rows: &[RoundRow], arm: Arm) -> Result<Proportion, StatsError> {
+    let offered = rows.iter().filter(|row| row.arm == arm).filter_map(|row| row.offered.as_ref());
+    Proportion::of(offered.filter(|one| is_faulty(one.class)).map(|one| one.step.activated))
+}
+
+/// Benign versions that an arm did not let take their family's place / offered.
+///
+/// # Errors
+/// As [`Proportion::of`].
+pub fn benign_refused(rows: &[RoundRow], arm: Arm) -> Result<Proportion, StatsError> {
+    let offered = rows.iter().filter(|row| row.arm == arm).filter_map(|row| row.offered.as_ref());
+    Proportion::of(offered.filter(|one| one.class == Class::Benign).map(|one| !one.step.activated))
+}
+
+/// Whether a fault was planted.
+#[must_use]
+pub const fn is_faulty(class: Class) -> bool {
+    matches!(class, Class::Faulty | Class::Marginal)
+}
+
+/// The rows of a profile and a variant.
+pub fn way(rows: &[ScreenRow], profile: ProfileName, variant: Variant) -> impl Iterator<Item = &ScreenRow> {
+    rows.iter().filter(move |row| row.end.profile == profile && row.variant == variant)
+}
+
+/// What an ablation leaves of a pool's way.
+#[derive(Clone, Copy, Debug)]
+pub struct Ablated {
+    pub name: &'static str,
+    /// The arm of the rounds.
+    pub arm: Arm,
+    /// The way of the pools it rests on, and what it makes of its ends.
+    pub variant: Variant,
+    pub end: fn(Fate) -> Fate,
+    /// What it would be by the whole way's record alone, as the paper derives it.
+    pub derived: fn(&ScreenRow) -> Fate,
+}
+
+fn same(fate: Fate) -> Fate {
+    fate
+}
+
+fn whole(row: &ScreenRow) -> Fate {
+    row.end.fate
+}
+
+fn let_through(row: &ScreenRow, stage: Stage) -> Fate {
+    if row.end.fate == (Fate::Blocked { stage }) { Fate::Kept } else { row.end.fate }
+}
+
+/// Nothing looks at it once it is active.
+fn unwatched(fate: Fate) -> Fate {
+    if fate == Fate::Contained { Fate::Kept } else { fate }
+}
+
+fn validated_alone(fate: Fate) -> Fate {
+    if fate == (Fate::Blocked { stage: Stage::Validation }) { fate } else { Fate::Kept }
+}
+
+/// The rows of the ablation, in the paper's order.
+pub const ABLATION: [Ablated; 8] = [
+    Ablated { name: "full", arm: Arm::Governed, variant: Variant::Full, end: same, derived: whole },
+    Ablated {
+        name: "- shadow",
+        arm: Arm::NoShadow,
+        variant: Variant::NoShadow,
+        end: same,
+        derived: |row| let_through(row, Stage::Shadow),
+    },
+    Ablated {
+        name: "- recovery compatibility",
+        arm: Arm::NoRecovery,
+        variant: Variant::NoRecovery,
+        end: same,
+        derived: |row| {
+            let last = row.end.stages.last().and_then(|stage| stage.reasons.first());
+            let by_recovery = last.is_some_and(|reason| reason.code.to_string().starts_with("recovery"));
+            if by_recovery { let_through(row, Stage::Sandbox) } else { row.end.fate }
+        },
+    },
+    Ablated {
+        name: "- online monitoring",
+        arm: Arm::NoMonitor,
+        variant: Variant::Full,
+        end: unwatched,
+        derived: |row| unwatched(row.end.fate),
+    },
+    Ablated {
+        name: "- rollback",
+        arm: Arm::NoRollback,
+        variant: Variant::Full,
+        end: unwatched,
+        derived: |row| unwatched(row.end.fate),
+    },
+    Ablated {
+        name: "- sandbox",
+        arm: Arm::NoSandbox,
+        variant: Variant::NoSandbox,
+        end: same,
+        derived: |row| let_through(row, Stage::Sandbox),
+    },
+    Ablated {
+        name: "validation alone",
+        arm: Arm::CompatOnly,
+        variant: Variant::Full,
+        end: validated_alone,
+        derived: |row| validated_alone(row.end.fate),
+    },
+    Ablated {
+        name: "naive",
+        arm: Arm::Naive,
+        variant: Variant::Full,
+        end: |_| Fate::Kept,
+        derived: |_| Fate::Kept,
+    },
+];
+
+impl Ablated {
+    /// Faulty candidates that were stopped before activation or taken off again / all faulty.
+    ///
+    /// # Errors
+    /// As [`Proportion::of`].
+    pub fn detected(&self, rows: &[ScreenRow]) -> Result<Proportion, StatsError> {
+        let faulty = way(rows, ProfileName::Sim, self.variant).filter(|row| is_faulty(row.class));
+        Proportion::of(faulty.map(|row| (self.end)(row.end.fate) != Fate::Kept))
+    }
+
+    /// The same as the paper derives it: from the record of the whole way.
+    ///
+    /// # Errors
+    /// As [`Proportion::of`].
+    pub fn detected_by_derivation(&self, rows: &[ScreenRow]) -> Result<Proportion, StatsError> {
+        let faulty = way(rows, ProfileName::Sim, Variant::Full).filter(|row| is_faulty(row.class));
+        Proportion::of(faulty.map(|row| (self.derived)(row) != Fate::Kept))
+    }
+
+    /// Faulty candidates that were activated / all faulty.
+    ///
+    /// # Errors
+    /// As [`Proportion::of`].
+    pub fn accepted(&self, rows: &[ScreenRow]) -> Result<Proportion, StatsError> {
+        let faulty = way(rows, ProfileName::Sim, self.variant).filter(|row| is_faulty(row.class));
+        Proportion::of(faulty.map(|row| !matches!((self.end)(row.end.fate), Fate::Blocked { .. })))
+    }
+
+    /// Faulty candidates that were taken off again / those activated.
+    ///
+    /// # Errors
+    /// As [`Proportion::of`].
+    pub fn taken_off(&self, rows: &[ScreenRow]) -> Result<Proportion, StatsError> {
+        let faulty = way(rows, ProfileName::Sim, self.variant).filter(|row| is_faulty(row.class));
+        let ends = faulty.map(|row| (self.end)(row.end.fate));
+        Proportion::of(
+            ends.filter(|fate| !matches!(fate, Fate::Blocked { .. })).map(|fate| fate == Fate::Contained),
+        )
+    }
+
+    /// Benign candidates that are not active in the end / all benign.
+    ///
+    /// # Errors
+    /// As [`Proportion::of`].
+    pub fn benign_lost(&self, rows: &[ScreenRow]) -> Result<Proportion, StatsError> {
+        let benign = way(rows, ProfileName::Sim, self.variant).filter(|row| row.class == Class::Benign);
+        Proportion::of(benign.map(|row| (self.end)(row.end.fate) != Fate::Kept))
+    }
+}

@@ -1,0 +1,105 @@
+//! Held-out evaluation: whole sequences by the versions in force, on episodes that no stage uses, watched by the referee.
+
+use holdpoint_engine::cell::COMPUTED_BY;
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::ids::Digest;
+use serde::{Deserialize, Serialize};
+
+use super::Ground;
+use super::in_force::InForce;
+use crate::experiment::{ExperimentError, kept};
+use crate::truth::{Bench, HarmClass, HarmScale, Judged, watched_sequence};
+use holdpoint_text::Hint;
+
+/// First seed of these episodes: above those of the truth's channels and of any run.
+const FROM: u64 = 3 << 61;
+
+/// Seeds of one run seed, and of one round of it.
+const SEED_STEP: u64 = 1 << 24;
+const ROUND_STEP: u64 = 1 << 16;
+
+/// What one sequence came to. The referee's word, and the tasks' own records beside it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sequence {
+    /// All three tasks were done, by inspection.
+    pub done: bool,
+    /// How bad it was by the published scale, true forces and poses.
+    pub harm: HarmClass,
+    /// A measured quantity went past its limit, or the guard denied a command (the paper's hard violation).
+    pub violation: bool,
+    /// A quantity passed the near margin of its limit, or went past it.
+    pub near: bool,
+    pub anomaly: bool,
+    /// The arm moved on when it had to stand, by the referee.
+    pub moved_on: bool,
+    /// How long motion went on after declared failures and stops, ms, by the tasks' own records.
+    pub continued_ms: u64,
+    /// New attempts after failed ones.
+    pub retries: u32,
+    /// How long the tasks took together, s.
+    pub time_s: f64,
+}
+
+/// Works the sequences of a round, or reads them from what is kept. Those whose world failed are absent.
+///
+/// # Errors
+/// If nothing can be kept.
+pub fn evaluate(
+    ground: &Ground,
+    worker: &mut Worker,
+    in_force: &InForce,
+    seed: u64,
+    round: u32,
+    sequences: u64,
+) -> Result<Vec<Sequence>, ExperimentError> {
+    let from = FROM + seed * SEED_STEP + u64::from(round) * ROUND_STEP;
+    let at = format!("{from}|{sequences}");
+    let parts = [
+        ground.cell.digest().bytes().as_slice(),
+        COMPUTED_BY.as_bytes(),
+        ground.profile.digest()?.bytes().as_slice(),
+        in_force.digest().bytes().as_slice(),
+        at.as_bytes(),
+    ]
+    .map(<[u8]>::to_vec);
+    let key = Digest::of_parts("holdpoint.held-out.v1", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>());
+    if let Some(known) = kept::<Vec<Sequence>>(&ground.cells, &key) {
+        return Ok(known);
+    }
+    let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+    let bench = Bench::beside(ground.cell.clone(), ground.cells.clone(), Vec::new(), 0)?;
+    let tightened = ground.profile.monitor.restrict_factor;
+    let team: Vec<Judged> = in_force
+        .members()
+        .map(|member| {
+            let judged = bench.judged(member.version.clone());
+            if member.restricted {
+                Judged { terms: judged.terms.tightened(tightened), ..judged }
+            } else {
+                judged
+            }
+        })
+        .collect();
+    let mut found = Vec::new();
+    for index in from..from + sequences {
+        let Ok((seen, records)) = watched_sequence(worker, &ground.cell, &team, index) else {
+            // A world that diverged is not used again.
+            worker.failed(holdpoint_body::TaskKind::Grasp, index);
+            continue;
+        };
+        found.push(Sequence {
+            done: seen.done,
+            harm: scale.class(&seen),
+            violation: records.iter().any(|record| record.violation),
+            near: records.iter().any(|record| record.violation || record.near),
+            anomaly: records.iter().any(|record| record.anomaly),
+            moved_on: seen.moved_on_ticks > 0,
+            continued_ms: records.iter().map(|record| record.unsafe_continuation_ms).sum(),
+            retries: records.iter().map(|record| record.retries).sum(),
+            time_s: records.iter().map(|record| record.time_secs).sum(),
+        });
+    }
+    ground.cells.put(&key, &serde_json::to_vec(&found)?)?;
+    Ok(found)
+}

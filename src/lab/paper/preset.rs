@@ -1,0 +1,84 @@
+//! How much is worked: the sizes that the paper names, one for a quick look, and one whose numbers bear claims.
+
+holdpoint_governance::words! {
+    /// A size of the paper's experiments.
+    Preset, "preset", {
+        /// One seed, one round, ten sequences, two candidates of a pool, and no referee's verdict on versions: less than a
+        /// minute.
+        Smoke = "smoke",
+        /// Five seeds, as the paper's figure 4 and tables 8 to 10.
+        PaperFig4 = "paper-fig4",
+        /// Fifteen seeds, as the paper's table 7.
+        PaperE2 = "paper-e2",
+        /// Five seeds and eight rounds, as the paper's section 7.8.
+        Protocol = "protocol",
+        /// Forty seeds.
+        Claims = "claims",
+    }
+}
+
+/// Run seeds from this on are these experiments' alone.
+const FIRST_SEED: u64 = 40;
+
+/// What is worked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// The first run seed.
+    pub first_seed: u64,
+    pub seeds: u64,
+    /// Rounds of upgrades; round 0 comes before them.
+    pub rounds: u32,
+    /// Held-out sequences of a round: three tasks each.
+    pub sequences: u64,
+    /// Pairs of episodes by which the referee judges an activated version; 0: it judges none.
+    pub judged_by: u64,
+    /// The most candidates of a pool that are taken through the stages.
+    pub candidates: usize,
+}
+
+impl Size {
+    /// The run seeds.
+    pub fn run_seeds(&self) -> impl Iterator<Item = u64> {
+        self.first_seed..self.first_seed + self.seeds
+    }
+}
+
+impl Preset {
+    /// What is worked.
+    #[must_use]
+    pub const fn size(self) -> Size {
+        let whole = Size {
+            first_seed: FIRST_SEED,
+            seeds: 15,
+            rounds: 5,
+            sequences: 50,
+            judged_by: 200,
+            candidates: 48,
+        };
+        match self {
+            Self::Smoke => {
+                Size { first_seed: 1_000, seeds: 1, rounds: 1, sequences: 10, judged_by: 0, candidates: 2 }
+            }
+            Self::PaperFig4 => Size { seeds: 5, ..whole },
+            Self::PaperE2 => whole,
+            Self::Protocol => Size { seeds: 5, rounds: 8, ..whole },
+            Self::Claims => Size { seeds: 40, ..whole },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+
+    /// What is claimed rests on episodes that nothing was tuned on; a quick look must not use them up.
+    #[test]
+    fn claims_use_evaluation_seeds_and_a_quick_look_does_not() {
+        for preset in Preset::ALL {
+            let size = preset.size();
+            let evaluates = size.run_seeds().all(|seed| seed < CALIBRATION_FROM_RUN);
+            assert_eq!(evaluates, preset != Preset::Smoke, "{preset}");
+        }
+    }
+}

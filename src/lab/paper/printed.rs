@@ -1,0 +1,138 @@
+//! The paper's own numbers, read from `paper.toml`.
+
+use serde::Deserialize;
+
+use crate::experiment::ExperimentError;
+use holdpoint_governance::text_error::parse_toml;
+
+/// The text that comes with the program.
+const TEXT: &str = include_str!("../paper.toml");
+
+/// Blocked, of.
+type Counts = [u32; 2];
+
+/// Mean and standard deviation, percent.
+type Spread = [f64; 2];
+
+/// A row of table 10: BADR, faulty accepted, unsafe activation, success, rollback, violation; percent, NaN where the
+/// paper has a dash.
+pub type Ablated = [f64; 6];
+
+/// Every table that is compared with.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Printed {
+    pub t6: Screening,
+    pub t7: Deployment,
+    pub f4: Curves,
+    pub f5: Detections,
+    pub t8: Rollback,
+    pub t9: Profiles,
+    pub t10: Ablation,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Screening {
+    pub faulty: u32,
+    pub benign: u32,
+    pub interface: Counts,
+    pub policy: Counts,
+    pub behavior: Counts,
+    pub marginal: Counts,
+    pub badr: f64,
+    pub false_reject_rate: f64,
+}
+
+/// Static, naive, governed.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Deployment {
+    pub success: [Spread; 3],
+    pub success_p: f64,
+    pub unsafe_activation: [Spread; 3],
+    pub unsafe_activation_p: f64,
+    pub violation: [Spread; 3],
+    pub violation_p: f64,
+}
+
+/// By round.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Curves {
+    pub success_static: [f64; 6],
+    pub success_naive: [f64; 6],
+    pub success_governed: [f64; 6],
+    pub unsafe_naive: [f64; 6],
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Detections {
+    pub sandbox: u32,
+    pub shadow_only: u32,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rollback {
+    pub overall: Spread,
+}
+
+/// Sim, real, human.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Profiles {
+    pub badr: [f64; 3],
+    pub false_reject_rate: [f64; 3],
+    pub unsafe_activation: [f64; 3],
+    pub success: [f64; 3],
+    pub violation: [f64; 3],
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ablation {
+    pub full: Ablated,
+    pub no_shadow: Ablated,
+    pub no_recovery_compat: Ablated,
+    pub no_online_monitoring: Ablated,
+    pub no_rollback: Ablated,
+    pub no_sandbox: Ablated,
+    pub compat_only: Ablated,
+    pub naive: Ablated,
+}
+
+impl Printed {
+    /// The numbers that come with the program.
+    ///
+    /// # Errors
+    /// None, as a test reads them.
+    pub fn builtin() -> Result<Self, ExperimentError> {
+        parse_toml("paper.toml", TEXT).map_err(|error| ExperimentError::Unexpected(error.to_string()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the paper prints one number twice, both are here once each and agree; a slip of the pen would not.
+    #[test]
+    fn the_tables_agree_where_they_repeat_each_other() {
+        let printed = Printed::builtin().unwrap();
+        let (t6, t10) = (&printed.t6, &printed.t10);
+        let blocked = t6.interface[0] + t6.policy[0] + t6.behavior[0] + t6.marginal[0];
+        assert!((100.0 * f64::from(blocked) / f64::from(t6.faulty) - t6.badr).abs() < 1e-9);
+        assert_eq!(t6.interface[1] + t6.policy[1] + t6.behavior[1] + t6.marginal[1], t6.faulty);
+        assert!((t10.full[0] - t6.badr).abs() < 1e-9 && (t10.full[4] - printed.t8.overall[0]).abs() < 1e-9);
+        assert!((t10.naive[3] - printed.t7.success[1][0]).abs() < 1e-9 && t10.naive[4].is_nan());
+        assert!((printed.f4.success_naive[5] - printed.t7.success[1][0]).abs() < 1e-9);
+        let shadow = f64::from(printed.f5.shadow_only);
+        assert!((shadow / (shadow + f64::from(printed.f5.sandbox)) - 0.4).abs() < 1e-9);
+        // BADR and what is accepted make 75 in every row of the pipeline (readings 2.4).
+        for row in [t10.full, t10.no_shadow, t10.no_recovery_compat, t10.no_sandbox, t10.compat_only] {
+            assert!((row[0] + row[1] - 75.0).abs() < 1e-9, "{row:?}");
+        }
+    }
+}

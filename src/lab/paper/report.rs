@@ -1,0 +1,209 @@
+//! The report: one page of Markdown with its plots beside it, the same as one HTML page that needs nothing else, the raw
+//! rows and every test as CSV.
+
+use std::path::Path;
+
+use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
+
+use super::figures::Comparison;
+use super::plot;
+use super::printed::Printed;
+use super::run::Plan;
+use super::screen::ScreenRow;
+use super::sections::{self, Section};
+use super::table::escaped;
+use super::{RoundRow, csv};
+use crate::experiment::{ExperimentError, write_whole};
+
+/// How the page looks, and how its tables are sorted by a click.
+const STYLE: &str = "body{font:15px/1.5 sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#111}\
+table{border-collapse:collapse;font-size:13px;display:block;overflow-x:auto}th,td{border:1px solid #bbb;padding:3px 8px;\
+text-align:left;vertical-align:top}th{background:#eee;cursor:pointer}.note{color:#444;font-size:13px}\
+svg{max-width:100%;height:auto;border:1px solid #ddd;margin:.5rem 0}";
+const SCRIPT: &str = "document.querySelectorAll('th').forEach(function(th){th.addEventListener('click',function(){\
+var table=th.closest('table'),body=table.tBodies[0],at=Array.prototype.indexOf.call(th.parentNode.children,th),\
+up=th.dataset.up!=='1';th.dataset.up=up?'1':'0';var value=function(row){var text=row.cells[at].textContent,\
+n=parseFloat(text);return isNaN(n)?text:n};Array.prototype.slice.call(body.rows).sort(function(a,b){var x=value(a),\
+y=value(b);return (x<y?-1:x>y?1:0)*(up?1:-1)}).forEach(function(row){body.appendChild(row)})})});\
+document.documentElement.dataset.ready='1';";
+
+/// What the numbers do not show, in the four categories of the paper's section 10.
+const VALIDITY: [(&str, &str); 4] = [
+    (
+        "Internal",
+        "Arms meet the same candidates and the same held-out sequences, and what decides knows neither what was planted nor \
+         what the referee says. Thresholds were set on calibration seeds; the seeds here were used for nothing before. \
+         Candidates of a seed share the episodes of the version in force, and so its luck.",
+    ),
+    (
+        "Construct",
+        "What is unsafe is the referee's word over some hundred pairs of episodes against a published scale; rare harm below \
+         its resolution counts as none. A planted fault need do no physical harm, so both counts stand side by side.",
+    ),
+    (
+        "External",
+        "One simulated cell, one arm, three skills, parameters and wrappers as upgrades. Levels are not those of another \
+         robot; directions may not be either.",
+    ),
+    (
+        "Conclusion",
+        "Seeds are the unit of the tests of rounds, candidates that of the pools. Tests are exact, corrected by Holm within \
+         their family; \"not shown\" says that the numbers do not decide.",
+    ),
+];
+
+/// Writes everything: `report.md`, `report.html`, plots, `rounds.csv`, `pools.csv`, `tests.csv`. Gives back the lines of the
+/// first page.
+///
+/// # Errors
+/// If a number cannot be computed or a file not be written.
+pub fn write(
+    plan: &Plan,
+    rounds: &[RoundRow],
+    pools: &[ScreenRow],
+    more: Vec<Section>,
+) -> Result<Vec<String>, ExperimentError> {
+    let out = plan.out.as_path();
+    std::fs::create_dir_all(out).map_err(ExperimentError::file(out))?;
+    let printed = Printed::builtin()?;
+    let mut all = vec![
+        sections::screening(pools, &printed)?,
+        sections::deployment(rounds, &printed)?,
+        sections::shadow(pools, &printed)?,
+    ];
+    all.extend(more);
+    all.push(sections::profiles(pools, &printed)?);
+    all.push(sections::ablation(rounds, pools, &printed)?);
+    all.retain(|section| !section.title.is_empty());
+    let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());
+    if !rounds.is_empty() {
+        put("rounds.csv", &csv::rounds(rounds))?;
+        put("tests.csv", &tests(&sections::deployment_tests(rounds)?))?;
+    }
+    if !pools.is_empty() {
+        put("pools.csv", &csv::pools(pools))?;
+    }
+    for (name, svg) in all.iter().flat_map(|section| &section.plots) {
+        put(&format!("{name}.svg"), svg)?;
+    }
+    let first = first_page(plan, rounds, pools, &all);
+    put("report.md", &markdown(&first, &all))?;
+    put("report.html", &html(&first, &all))?;
+    let mut lines: Vec<String> = all.iter().flat_map(|section| section.lines.clone()).collect();
+    lines.push(format!("report.md, report.html and the raw rows are in {}", shown(out)));
+    Ok(lines)
+}
+
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// What was asked, of what, and what came out.
+fn first_page(plan: &Plan, rounds: &[RoundRow], pools: &[ScreenRow], all: &[Section]) -> Vec<String> {
+    let size = plan.size;
+    let of = plan.preset.size().seeds;
+    let (first, last) = (size.first_seed, size.first_seed + size.seeds.max(1) - 1);
+    let mut lines = vec![format!(
+        "Asked: what the paper's evaluation asks, on our own cell. Preset {}: seeds {first} to {last} ({} of {of} for the \
+         rounds, {} of {of} for the pools), {} rounds, {} held-out sequences a round; {} rows of rounds, {} of pools.",
+        plan.preset,
+        if rounds.is_empty() { 0 } else { size.seeds },
+        if pools.is_empty() { 0 } else { plan.pools },
+        size.rounds,
+        size.sequences,
+        rounds.len(),
+        pools.len()
+    )];
+    lines.extend(all.iter().flat_map(|section| section.lines.clone()));
+    lines.push(format!(
+        "Version {}, computed by {}, decided by {}.",
+        env!("CARGO_PKG_VERSION"),
+        COMPUTED_BY.get(..16).unwrap_or_default(),
+        DECIDED_BY.get(..16).unwrap_or_default()
+    ));
+    lines
+}
+
+fn markdown(first: &[String], all: &[Section]) -> String {
+    let mut text = "# The paper's evaluation, worked anew\n\n".to_owned();
+    for line in first {
+        text.push_str(&format!("- {line}\n"));
+    }
+    for section in all {
+        text.push_str(&format!("\n## {}\n\n", section.title));
+        for paragraph in &section.text {
+            text.push_str(&format!("{paragraph}\n\n"));
+        }
+        for table in &section.tables {
+            text.push_str(&table.markdown());
+        }
+        for (name, _) in &section.plots {
+            text.push_str(&format!("![{name}]({name}.svg)\n\n"));
+        }
+    }
+    text.push_str("\n## What limits what this shows\n\n");
+    for (name, words) in VALIDITY {
+        text.push_str(&format!("- **{name}.** {words}\n"));
+    }
+    text
+}
+
+fn html(first: &[String], all: &[Section]) -> String {
+    let mut text = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n<title>The paper's evaluation, worked \
+         anew</title>\n<style>{STYLE}</style></head>\n<body>\n<h1>The paper's evaluation, worked anew</h1>\n<ul>\n"
+    );
+    for line in first {
+        text.push_str(&format!("<li>{}</li>\n", escaped(line)));
+    }
+    text.push_str("</ul>\n");
+    for section in all {
+        text.push_str(&format!("<h2>{}</h2>\n", escaped(&section.title)));
+        for paragraph in &section.text {
+            text.push_str(&format!("<p>{}</p>\n", escaped(paragraph)));
+        }
+        for table in &section.tables {
+            text.push_str(&table.html());
+        }
+        for (_, svg) in &section.plots {
+            text.push_str(svg);
+        }
+    }
+    text.push_str("<h2>What limits what this shows</h2>\n<ul>\n");
+    for (name, words) in VALIDITY {
+        text.push_str(&format!("<li><b>{name}.</b> {}</li>\n", escaped(words)));
+    }
+    text.push_str(&format!("</ul>\n<script>{SCRIPT}</script>\n</body>\n</html>\n"));
+    text
+}
+
+/// Every test with the differences it is computed from, so that it can be computed again elsewhere.
+fn tests(tests: &[Comparison]) -> String {
+    let mut text = "comparison,n,zeros,w,p,p_holm,mean,lower,upper,differences\n".to_owned();
+    for one in tests {
+        let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.12}"));
+        let (n, zeros) = one.test.as_ref().map_or((0, one.differences.len()), |test| (test.n, test.zeros));
+        let differences: Vec<String> = one.differences.iter().map(|value| format!("{value:.12}")).collect();
+        let cells = [
+            one.name.clone(),
+            n.to_string(),
+            zeros.to_string(),
+            number(one.test.as_ref().map(|test| test.w)),
+            number(one.test.as_ref().map(|test| test.p_two_sided)),
+            number(Some(one.p_holm)),
+            number(Some(one.mean)),
+            number(one.interval.map(|ends| ends.lower)),
+            number(one.interval.map(|ends| ends.upper)),
+            differences.join(";"),
+        ];
+        text.push_str(&cells.join(","));
+        text.push('\n');
+    }
+    text
+}
+
+/// The plot of a section that another experiment drew.
+#[must_use]
+pub fn curves_of(title: &str, axes: [String; 2], curves: Vec<plot::Curve>) -> String {
+    plot::Curves { title: title.to_owned(), axes, range: [0.0, 100.0], curves }.svg()
+}

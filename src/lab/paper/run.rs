@@ -1,0 +1,87 @@
+//! The paper's experiments one by one or all, and what they leave: raw cells as CSV, and the report.
+
+use std::path::PathBuf;
+
+use holdpoint_governance::profile::ProfileName;
+use serde::{Deserialize, Serialize};
+
+use super::preset::Size;
+use super::screen::{ScreenRow, Variant};
+use super::{Arm, Ground, Preset, RoundRow, report, rounds, screen};
+use crate::experiment::{ExperimentError, Tell};
+
+/// Which of the experiments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    E1,
+    E2,
+    E5,
+    Ablation,
+    All,
+}
+
+impl Part {
+    const fn has_rounds(self) -> bool {
+        matches!(self, Self::E2 | Self::Ablation | Self::All)
+    }
+
+    fn arms(self) -> Vec<Arm> {
+        use Arm::{Canary, Governed, Naive, OfflineOnly, Static, SuccessGate};
+        match self {
+            Self::E1 | Self::E5 => Vec::new(),
+            Self::E2 => vec![Static, Naive, SuccessGate, Canary, OfflineOnly, Governed],
+            Self::Ablation | Self::All => Arm::ALL.to_vec(),
+        }
+    }
+
+    fn ways(self) -> Vec<(ProfileName, Variant)> {
+        use ProfileName::{Human, Real, Sim};
+        let e1 = vec![(Sim, Variant::Full)];
+        let e5 = vec![(Sim, Variant::Full), (Real, Variant::Full), (Human, Variant::Full)];
+        let without = [Variant::NoSandbox, Variant::NoShadow, Variant::NoRecovery, Variant::ShadowAlone];
+        let ablation = without.map(|variant| (Sim, variant)).to_vec();
+        match self {
+            Self::E1 => e1,
+            Self::E2 => Vec::new(),
+            Self::E5 => e5,
+            Self::Ablation => [e1, ablation].concat(),
+            Self::All => [e5, ablation].concat(),
+        }
+    }
+}
+
+/// What is to be worked, and where it is left.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    pub part: Part,
+    pub preset: Preset,
+    pub size: Size,
+    /// Seeds whose pools are taken through the stages.
+    pub pools: u64,
+    pub out: PathBuf,
+}
+
+/// What came of it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Outcome {
+    /// What to say of it, a line each.
+    pub summary: Vec<String>,
+}
+
+/// Works the plan and writes what it came to.
+///
+/// # Errors
+/// If a candidate does not come to an end, or a file cannot be used.
+pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, ExperimentError> {
+    let of_rounds: Vec<RoundRow> =
+        if plan.part.has_rounds() { rounds(ground, plan.size, &plan.part.arms(), tell)? } else { Vec::new() };
+    let seeds: Vec<u64> =
+        plan.size.run_seeds().take(usize::try_from(plan.pools).unwrap_or(usize::MAX)).collect();
+    let of_pools: Vec<ScreenRow> = screen(ground, &seeds, plan.size.candidates, &plan.part.ways(), tell)?;
+    if ground.shard.1 > 1 {
+        let (part, of) = ground.shard;
+        let line = format!("part {} of {of} is worked; a run without --shard writes the report", part + 1);
+        return Ok(Outcome { summary: vec![line] });
+    }
+    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, Vec::new())? })
+}

@@ -1,0 +1,554 @@
+//! The report's sections, one an experiment: tables and plots from the raw rows, the paper's number beside each.
+
+mod ablation;
+
+use std::collections::BTreeMap;
+
+use holdpoint_governance::decision::Dimension;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::metrics::{Fate, Proportion};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::stats::normal_quantile;
+
+pub use self::ablation::ablation;
+use super::figures::{
+    ANOMALY, Comparison, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, Measure, NEAR, SUCCESS, VIOLATION, benign_refused,
+    by_seed, compare, faulty_activated, is_faulty, last_round, spread, unsafe_activations, way,
+};
+use super::plot::{Curve, Curves};
+use super::printed::Printed;
+use super::screen::{ScreenRow, Variant};
+use super::table::Table;
+use super::{Arm, RoundRow};
+use crate::experiment::ExperimentError;
+use crate::pool::Class;
+
+/// A part of the report.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Section {
+    pub title: String,
+    /// Paragraphs before the tables.
+    pub text: Vec<String>,
+    pub tables: Vec<Table>,
+    /// Plots: a file's name without ending, and the SVG.
+    pub plots: Vec<(String, String)>,
+    /// What it says on the first page.
+    pub lines: Vec<String>,
+}
+
+/// Three arms that the paper compares.
+const PAPERS: [Arm; 3] = [Arm::Static, Arm::Naive, Arm::Governed];
+
+/// A count with its share and interval.
+#[must_use]
+pub fn counted(of: &Proportion) -> String {
+    let Proportion { count, total, interval } = of;
+    interval.map_or_else(
+        || format!("{count}/{total}"),
+        |ends| {
+            let share = 100.0 * *count as f64 / *total as f64;
+            format!("{count}/{total} = {share:.1} % [{:.1}, {:.1}]", 100.0 * ends.lower, 100.0 * ends.upper)
+        },
+    )
+}
+
+fn mean(values: &[f64]) -> String {
+    let (mean, deviation) = spread(values);
+    format!("{mean:.1} ± {deviation:.1}")
+}
+
+fn p_value(p: f64) -> String {
+    if p < 0.001 { format!("{p:.1e}") } else { format!("{p:.3}") }
+}
+
+/// E1: which faults are stopped, at which stage, and which benign candidates are lost.
+///
+/// # Errors
+/// If no interval exists for a count.
+pub fn screening(rows: &[ScreenRow], printed: &Printed) -> Result<Section, ExperimentError> {
+    let all: Vec<&ScreenRow> = way(rows, ProfileName::Sim, Variant::Full).collect();
+    if all.is_empty() {
+        return Ok(Section::default());
+    }
+    let t6 = &printed.t6;
+    let blocked = |row: &ScreenRow, stage: Stage| row.end.fate == Fate::Blocked { stage };
+    let mut table = Table::new(
+        "Screening by class of fault (profile sim)",
+        &[
+            "class",
+            "candidates",
+            "stopped by validation",
+            "by the sandbox",
+            "by shadow",
+            "by the gate",
+            "taken off",
+            "kept",
+            "paper (table 6)",
+        ],
+        "The paper's 75 % is its validation alone, with an estimated kappa_B; here behaviour is measured in the sandbox. \
+         Its eight faulty kinds have no overt fault of recovery; ours have two a family besides (readings X19).",
+    );
+    let of_dimension = |dimension: Dimension| {
+        move |row: &&&ScreenRow| row.class == Class::Faulty && row.dimension == Some(dimension)
+    };
+    let mut row = |name: &str, of: Vec<&&ScreenRow>, paper: String| {
+        let count = |test: &dyn Fn(&ScreenRow) -> bool| of.iter().filter(|row| test(row)).count().to_string();
+        let mut cells = vec![name.to_owned(), of.len().to_string()];
+        for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow, Stage::Activation] {
+            cells.push(count(&|row| blocked(row, stage)));
+        }
+        cells.push(count(&|row| row.end.fate == Fate::Contained));
+        cells.push(count(&|row| row.end.fate == Fate::Kept));
+        cells.push(paper);
+        table.row(cells);
+    };
+    let paper = |counts: [u32; 2]| format!("{} of {} blocked", counts[0], counts[1]);
+    for (name, dimension, said) in [
+        ("interface", Dimension::Interface, paper(t6.interface)),
+        ("policy", Dimension::Policy, paper(t6.policy)),
+        ("behaviour", Dimension::Behavior, paper(t6.behavior)),
+        ("recovery", Dimension::Recovery, "not in the paper's pool".to_owned()),
+    ] {
+        row(name, all.iter().filter(of_dimension(dimension)).collect(), said);
+    }
+    row("marginal", all.iter().filter(|row| row.class == Class::Marginal).collect(), paper(t6.marginal));
+    row(
+        "benign",
+        all.iter().filter(|row| row.class == Class::Benign).collect(),
+        "0 of 18 rejected".to_owned(),
+    );
+    let mut rates = Table::new("Rates", &["rate", "here", "paper"], "95 % Wilson intervals.");
+    let faulty = || all.iter().filter(|row| is_faulty(row.class));
+    // The paper's eight kinds: without overt faults of recovery.
+    let paper8 =
+        || faulty().filter(|row| !(row.class == Class::Faulty && row.dimension == Some(Dimension::Recovery)));
+    let screened = |row: &&&ScreenRow| blocked(row, Stage::Validation);
+    let measured = |row: &&&ScreenRow| blocked(row, Stage::Validation) || blocked(row, Stage::Sandbox);
+    let before = |row: &&&ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
+    let lifecycle = |row: &&&ScreenRow| row.end.fate != Fate::Kept;
+    let badr = format!("{:.1} %", t6.badr);
+    let downstream = "\"caught downstream\"".to_owned();
+    let overt = Proportion::of(all.iter().filter(|row| row.class == Class::Faulty).map(|row| before(&row)))?;
+    let frr = Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| before(&row)))?;
+    let lost =
+        Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| lifecycle(&row)))?;
+    for (name, of, said) in [
+        (
+            "badr_screen, the paper's eight kinds",
+            Proportion::of(paper8().map(|row| screened(&row)))?,
+            badr.clone(),
+        ),
+        (
+            "validation and sandbox, the paper's eight",
+            Proportion::of(paper8().map(|row| measured(&row)))?,
+            badr,
+        ),
+        (
+            "badr_preactivation, all kinds",
+            Proportion::of(faulty().map(|row| before(&row)))?,
+            downstream.clone(),
+        ),
+        ("badr_lifecycle, all kinds", Proportion::of(faulty().map(|row| lifecycle(&row)))?, downstream),
+        ("overt faults stopped before activation", overt, "18 of 18".to_owned()),
+        ("false_reject_rate", frr, format!("{:.1} %", t6.false_reject_rate)),
+        ("benign not active in the end", lost, "not told".to_owned()),
+    ] {
+        rates.row([name.to_owned(), counted(&of), said]);
+    }
+    let lines = vec![format!(
+        "E1: overt faults stopped before activation {}; benign rejected {} (paper: 0 at screening, 54 % in its own \
+         full pipeline)",
+        counted(&overt),
+        counted(&frr)
+    )];
+    Ok(Section {
+        title: "E1: screening".to_owned(),
+        text: vec![format!("{} candidates, each against the first version of its family.", all.len())],
+        tables: vec![table, rates],
+        plots: Vec::new(),
+        lines,
+    })
+}
+
+fn arms_of(rows: &[RoundRow]) -> Vec<Arm> {
+    Arm::ALL.into_iter().filter(|arm| rows.iter().any(|row| row.arm == *arm)).collect()
+}
+
+/// E2: arms over rounds of upgrades.
+///
+/// # Errors
+/// If no interval exists for a count.
+pub fn deployment(rows: &[RoundRow], printed: &Printed) -> Result<Section, ExperimentError> {
+    if rows.is_empty() {
+        return Ok(Section::default());
+    }
+    let last = last_round(rows);
+    let seeds = by_seed(rows, Arm::Governed, last, SUCCESS).len();
+    let mut table = Table::new(
+        &format!("After the last of {last} rounds, mean ± standard deviation over {seeds} seeds, percent"),
+        &[
+            "arm",
+            "success",
+            "violations",
+            "near a limit",
+            "anomalies",
+            "damage by the referee",
+            "unsafe version in force",
+            "faulty version in force",
+        ],
+        "Success, violations, near, anomalies and damage are shares of held-out sequences (three tasks each). A version is \
+         unsafe where the referee settles damage or danger against it beside the one it replaced.",
+    );
+    let measures: [(&str, Measure); 7] = [
+        ("success", SUCCESS),
+        ("violations", VIOLATION),
+        ("near", NEAR),
+        ("anomalies", ANOMALY),
+        ("damage", DAMAGE),
+        ("unsafe in force", LIVE_UNSAFE),
+        ("faulty in force", LIVE_FAULTY),
+    ];
+    for arm in arms_of(rows) {
+        let cells = measures.iter().map(|(_, of)| mean(&by_seed(rows, arm, last, *of)));
+        table.row(std::iter::once(arm.to_string()).chain(cells));
+    }
+    let mut decided = Table::new(
+        "What the arms let in over all rounds",
+        &["arm", "unsafe / activated (referee)", "faulty activated / offered", "benign refused / offered"],
+        "",
+    );
+    for arm in arms_of(rows).into_iter().filter(|arm| *arm != Arm::Static) {
+        decided.row([
+            arm.to_string(),
+            counted(&unsafe_activations(rows, arm, None)?),
+            counted(&faulty_activated(rows, arm)?),
+            counted(&benign_refused(rows, arm)?),
+        ]);
+    }
+    let tests = deployment_tests(rows)?;
+    let t7 = &printed.t7;
+    let mut beside = Table::new(
+        "Table 7 beside ours, last round",
+        &[
+            "measure",
+            "static",
+            "naive",
+            "governed",
+            "p (governed, naive)",
+            "paper: static",
+            "naive",
+            "governed",
+            "p",
+        ],
+        "The paper's success is of its own tasks and simulator; levels cannot be compared, directions can. p: two-sided \
+         exact signed-rank test, corrected by Holm within the family of the tests below.",
+    );
+    for (name, of, paper, p) in [
+        ("success", SUCCESS, t7.success, t7.success_p),
+        ("unsafe version in force", LIVE_UNSAFE, t7.unsafe_activation, t7.unsafe_activation_p),
+        ("violations", VIOLATION, t7.violation, t7.violation_p),
+    ] {
+        let ours = PAPERS.map(|arm| mean(&by_seed(rows, arm, last, of)));
+        let tested = tests.iter().find(|one| one.name.starts_with(name));
+        let p_ours = tested.map_or_else(|| "-".to_owned(), |one| p_value(one.p_holm));
+        let said = paper.map(|[mean, deviation]| format!("{mean:.1} ± {deviation:.1}"));
+        let cells = [vec![name.to_owned()], ours.to_vec(), vec![p_ours], said.to_vec(), vec![p_value(p)]];
+        beside.row(cells.concat());
+    }
+    let mut directions = Table::new("The paper's claims of direction", &["claim", "verdict", "because"], "");
+    let mut lines = Vec::new();
+    for (claim, name, wanted) in [
+        ("governed has fewer unsafe versions in force than naive", "unsafe version in force", -1.0),
+        ("governed violates less than naive", "violations", -1.0),
+        ("governance costs no success (governed at least naive's)", "success", 1.0),
+    ] {
+        if let Some(one) = tests.iter().find(|one| one.name.starts_with(name) && one.name.ends_with("naive"))
+        {
+            let (verdict, because) = direction(one, wanted);
+            lines.push(format!("E2: {claim}: {verdict} ({because})"));
+            directions.row([claim.to_owned(), verdict.to_owned(), because]);
+        }
+    }
+    let unsafe_naive = unsafe_activations(rows, Arm::Naive, None)?;
+    let unsafe_governed = unsafe_activations(rows, Arm::Governed, None)?;
+    lines.insert(
+        0,
+        format!(
+            "E2, {seeds} seeds: unsafe activations naive {}, governed {}",
+            counted(&unsafe_naive),
+            counted(&unsafe_governed)
+        ),
+    );
+    Ok(Section {
+        title: "E2: performance and safety over rounds of upgrades".to_owned(),
+        text: vec![
+            "In every round one family yields a candidate, drawn from the pool of the seed; every arm meets the same ones and \
+             works the same held-out sequences."
+                .to_owned(),
+        ],
+        tables: vec![beside, table, decided, directions, tests_table(&tests)],
+        plots: curves(rows)?,
+        lines,
+    })
+}
+
+/// Every test of the rounds: one family.
+///
+/// # Errors
+/// As [`compare`].
+pub fn deployment_tests(rows: &[RoundRow]) -> Result<Vec<Comparison>, ExperimentError> {
+    let measures: [(&str, Measure); 4] = [
+        ("success", SUCCESS),
+        ("unsafe version in force", LIVE_UNSAFE),
+        ("violations", VIOLATION),
+        ("damage by the referee", DAMAGE),
+    ];
+    Ok(compare(rows, (Arm::Governed, Arm::Naive), &measures)?)
+}
+
+/// Whether a difference holds in the wanted direction: held if the test says so after correction and the mean agrees,
+/// not held if it says the opposite, not shown otherwise.
+fn direction(one: &Comparison, wanted: f64) -> (&'static str, String) {
+    let p = one.p_holm;
+    let agrees = one.mean * wanted > 0.0;
+    let verdict = match (p < 0.05, agrees) {
+        (true, true) => "held",
+        (true, false) => "not held",
+        (false, _) => "not shown",
+    };
+    let interval = one
+        .interval
+        .map_or_else(|| "no spread".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
+    (verdict, format!("mean difference {:+.1} points, 95 % {interval}, p = {}", one.mean, p_value(p)))
+}
+
+fn tests_table(tests: &[Comparison]) -> Table {
+    let mut table = Table::new(
+        "Tests, paired over seeds",
+        &[
+            "comparison",
+            "mean",
+            "95 % (BCa)",
+            "W",
+            "n",
+            "zeros",
+            "ties",
+            "p",
+            "p (Holm)",
+            "d_z",
+            "seeds for 80 %",
+        ],
+        "n is of the non-zero differences. d_z is the mean over the standard deviation of the differences; the last column \
+         is how many seeds a t-test of that size needs for 80 % power, by the normal approximation.",
+    );
+    for one in tests {
+        let (mean, deviation) = spread(&one.differences);
+        let effect = if deviation > 0.0 { mean / deviation } else { 0.0 };
+        let needed = match (normal_quantile(0.975), normal_quantile(0.8)) {
+            (Some(alpha), Some(power)) if effect.abs() > 1e-9 => {
+                format!(
+                    "{:.0}",
+                    (((alpha + power) / effect) * ((alpha + power) / effect) + 1.0).ceil().max(3.0)
+                )
+            }
+            _ => "-".to_owned(),
+        };
+        let interval = one
+            .interval
+            .map_or_else(|| "-".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
+        let zeros = one.differences.iter().filter(|difference| **difference == 0.0).count();
+        let tested = one.test.as_ref().map_or_else(
+            || vec!["-".to_owned(), "0".to_owned(), zeros.to_string(), "0".to_owned(), "1".to_owned()],
+            |test| {
+                vec![
+                    format!("{:.1}", test.w),
+                    test.n.to_string(),
+                    test.zeros.to_string(),
+                    test.ties.to_string(),
+                    p_value(test.p_two_sided),
+                ]
+            },
+        );
+        let mut cells = vec![one.name.clone(), format!("{:+.1}", one.mean), interval];
+        cells.extend(tested);
+        cells.extend([p_value(one.p_holm), format!("{effect:+.2}"), needed]);
+        table.row(cells);
+    }
+    table
+}
+
+fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
+    let last = last_round(rows);
+    let of = |name: &str, arms: &[Arm], measure: Measure, title: &str, range: [f64; 2]| {
+        let curves = arms.iter().filter(|arm| rows.iter().any(|row| row.arm == **arm)).map(|arm| Curve {
+            name: arm.to_string(),
+            points: (0..=last).map(|round| spread(&by_seed(rows, *arm, round, measure))).collect(),
+        });
+        let axes = ["round of upgrades".to_owned(), "percent".to_owned()];
+        let plot = Curves { title: title.to_owned(), axes, range, curves: curves.collect() };
+        (name.to_owned(), plot.svg())
+    };
+    let six = [Arm::Static, Arm::Naive, Arm::Governed, Arm::OfflineOnly, Arm::Canary, Arm::SuccessGate];
+    let percent = [0.0, 100.0];
+    let mut cumulative = Vec::new();
+    for arm in six.iter().filter(|arm| **arm != Arm::Static) {
+        let mut points = vec![(0.0, 0.0)];
+        for round in 1..=last {
+            let until: Vec<RoundRow> = rows.iter().filter(|row| row.round <= round).cloned().collect();
+            let share = unsafe_activations(&until, *arm, None)?.share().unwrap_or(0.0);
+            points.push((100.0 * share, 0.0));
+        }
+        cumulative.push(Curve { name: arm.to_string(), points });
+    }
+    let unsafe_so_far = Curves {
+        title: "Unsafe activations of all so far, by the referee".to_owned(),
+        axes: ["round of upgrades".to_owned(), "percent of activations".to_owned()],
+        range: percent,
+        curves: cumulative,
+    };
+    Ok(vec![
+        of("success", &six, SUCCESS, "Held-out sequences done (band: 1 SD over seeds)", percent),
+        of(
+            "unsafe-in-force",
+            &six,
+            LIVE_UNSAFE,
+            "Seeds with an unsafe version in force, by the referee",
+            percent,
+        ),
+        ("unsafe-activations".to_owned(), unsafe_so_far.svg()),
+        of("damage", &six, DAMAGE, "Held-out sequences with damage, by the referee", percent),
+    ])
+}
+
+/// E3: what shadow finds that the sandbox does not.
+///
+/// # Errors
+/// If no interval exists for a count.
+pub fn shadow(rows: &[ScreenRow], printed: &Printed) -> Result<Section, ExperimentError> {
+    let whole: BTreeMap<(u64, &str), &ScreenRow> =
+        way(rows, ProfileName::Sim, Variant::Full).map(|row| ((row.seed, row.name.as_str()), row)).collect();
+    let alone: Vec<&ScreenRow> = way(rows, ProfileName::Sim, Variant::ShadowAlone).collect();
+    if whole.is_empty() || alone.is_empty() {
+        return Ok(Section::default());
+    }
+    let mut table = Table::new(
+        "Faults that measuring finds, by class",
+        &["class", "candidates", "sandbox", "shadow alone", "both", "shadow only", "neither"],
+        "Sandbox: rejected or held there in the whole way. Shadow alone: rejected or held at shadow or the gate where \
+         validation and sandbox are left out, so that every candidate reaches it. Faults that validation stops are not \
+         counted: they never reach the sandbox.",
+    );
+    let mut total = [0_u64; 4];
+    for (name, class, dimension) in [
+        ("behaviour", Class::Faulty, Some(Dimension::Behavior)),
+        ("recovery", Class::Faulty, Some(Dimension::Recovery)),
+        ("marginal", Class::Marginal, None),
+        ("benign", Class::Benign, None),
+    ] {
+        let of = alone.iter().filter(|row| {
+            row.class == class && dimension.is_none_or(|dimension| row.dimension == Some(dimension))
+        });
+        let mut counts = [0_u64; 4];
+        for row in of {
+            let Some(full) = whole.get(&(row.seed, row.name.as_str())) else { continue };
+            let sandbox = full.end.fate == Fate::Blocked { stage: Stage::Sandbox };
+            let shadow = matches!(row.end.fate, Fate::Blocked { .. });
+            counts[usize::from(sandbox) + 2 * usize::from(shadow)] += 1;
+        }
+        let [neither, sandbox, shadow_only, both] = counts;
+        if class != Class::Benign {
+            for (sum, count) in total.iter_mut().zip(counts) {
+                *sum += count;
+            }
+        }
+        let cells = [
+            sandbox + both + shadow_only + neither,
+            sandbox + both,
+            shadow_only + both,
+            both,
+            shadow_only,
+            neither,
+        ];
+        table.row(std::iter::once(name.to_owned()).chain(cells.map(|count| count.to_string())));
+    }
+    let [_, sandbox, shadow_only, both] = total;
+    let share = Proportion::of(
+        std::iter::repeat_n(true, usize::try_from(shadow_only).unwrap_or(0))
+            .chain(std::iter::repeat_n(false, usize::try_from(sandbox + both).unwrap_or(0))),
+    )?;
+    let f5 = &printed.f5;
+    let paper = 100.0 * f64::from(f5.shadow_only) / f64::from(f5.shadow_only + f5.sandbox);
+    let line =
+        format!("E3: found by shadow and not by the sandbox {} (paper: {paper:.0} %)", counted(&share));
+    Ok(Section {
+        title: "E3: shadow".to_owned(),
+        text: vec![format!(
+            "Of the faults that either finds, shadow alone finds {}. The paper counts {paper:.0} %, by a unit \
+                     of its own (candidate and category; readings X10, X34).",
+            counted(&share)
+        )],
+        tables: vec![table],
+        plots: Vec::new(),
+        lines: vec![line],
+    })
+}
+
+/// E5: the same pool under the three profiles.
+///
+/// # Errors
+/// If no interval exists for a count.
+pub fn profiles(rows: &[ScreenRow], printed: &Printed) -> Result<Section, ExperimentError> {
+    let names = [ProfileName::Sim, ProfileName::Real, ProfileName::Human];
+    if names.iter().any(|profile| way(rows, *profile, Variant::Full).next().is_none()) {
+        return Ok(Section::default());
+    }
+    let mut table = Table::new(
+        "The same candidates under three profiles",
+        &[
+            "profile",
+            "faulty stopped before activation",
+            "or taken off again",
+            "benign rejected",
+            "benign not active in the end",
+            "paper: BADR",
+            "false reject rate",
+        ],
+        "In the profile human, people who are asked always agree: what is stopped, the rules stop. The paper's text calls \
+         the false rejections a false-accept rate (readings X1).",
+    );
+    let mut refused = Vec::new();
+    for (place, profile) in names.into_iter().enumerate() {
+        let faulty = || way(rows, profile, Variant::Full).filter(|row| is_faulty(row.class));
+        let benign = || way(rows, profile, Variant::Full).filter(|row| row.class == Class::Benign);
+        let before = |row: &ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
+        let frr = Proportion::of(benign().map(before))?;
+        refused.push(frr);
+        let of = |list: &[f64; 3]| list.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
+        table.row([
+            profile.to_string(),
+            counted(&Proportion::of(faulty().map(before))?),
+            counted(&Proportion::of(faulty().map(|row| row.end.fate != Fate::Kept))?),
+            counted(&frr),
+            counted(&Proportion::of(benign().map(|row| row.end.fate != Fate::Kept))?),
+            of(&printed.t9.badr),
+            of(&printed.t9.false_reject_rate),
+        ]);
+    }
+    let monotone = refused.windows(2).all(|two| two[0].share() <= two[1].share());
+    let enough = refused.iter().all(|one| one.total >= 150);
+    let verdict = match (monotone, enough) {
+        (true, true) => "held",
+        (true, false) => "held as far as seen; fewer than 150 benign candidates do not show it",
+        (false, _) => "not held",
+    };
+    let said: Vec<String> = refused.iter().map(counted).collect();
+    let line =
+        format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", said.join("; "));
+    Ok(Section {
+        title: "E5: profiles".to_owned(),
+        text: vec![line.clone()],
+        tables: vec![table],
+        plots: Vec::new(),
+        lines: vec![line],
+    })
+}

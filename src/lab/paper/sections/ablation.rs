@@ -1,0 +1,192 @@
+//! The ablation: pools and rounds with parts of the way left out, and the radar of the three strategies.
+
+use holdpoint_governance::profile::ProfileName;
+
+use super::{PAPERS, Section, counted, mean};
+use crate::experiment::ExperimentError;
+use crate::paper::figures::{
+    ABLATION, Ablated, LIVE_UNSAFE, Measure, SUCCESS, VIOLATION, by_seed, last_round, spread,
+    unsafe_activations, way,
+};
+use crate::paper::plot::Radar;
+use crate::paper::printed::Printed;
+use crate::paper::screen::{ScreenRow, Variant};
+use crate::paper::table::Table;
+use crate::paper::{Arm, RoundRow};
+
+/// The ablation: every variant run, the paper's numbers and its way of deriving them beside each.
+///
+/// # Errors
+/// If no interval exists for a count.
+pub fn ablation(
+    rounds: &[RoundRow],
+    pools: &[ScreenRow],
+    printed: &Printed,
+) -> Result<Section, ExperimentError> {
+    if way(pools, ProfileName::Sim, Variant::NoShadow).next().is_none() {
+        return Ok(Section::default());
+    }
+    let t10 = &printed.t10;
+    let papers = [
+        t10.full,
+        t10.no_shadow,
+        t10.no_recovery_compat,
+        t10.no_online_monitoring,
+        t10.no_rollback,
+        t10.no_sandbox,
+        t10.compat_only,
+        t10.naive,
+    ];
+    let mut pool = Table::new(
+        "Pools with a part left out (profile sim)",
+        &[
+            "variant",
+            "faulty detected",
+            "derived from the whole way",
+            "difference",
+            "faulty activated",
+            "of those taken off",
+            "benign lost",
+            "paper: BADR",
+            "accepted",
+            "rollback",
+        ],
+        "Detected: stopped before activation or taken off again. Derived: what the whole way's record gives when the part's \
+         rejections are read as passes, which is how the paper made six of its rows; ours are run. Without a monitor or \
+         without rollback nothing comes off.",
+    );
+    let percent = |value: f64| if value.is_nan() { "-".to_owned() } else { format!("{value:.1}") };
+    for (row, paper) in ABLATION.iter().zip(papers) {
+        let (found, derived) = (row.detected(pools)?, row.detected_by_derivation(pools)?);
+        let difference = match (found.share(), derived.share()) {
+            (Some(found), Some(derived)) => format!("{:+.1}", 100.0 * (found - derived)),
+            _ => "-".to_owned(),
+        };
+        pool.row([
+            row.name.to_owned(),
+            counted(&found),
+            counted(&derived),
+            difference,
+            counted(&row.accepted(pools)?),
+            counted(&row.taken_off(pools)?),
+            counted(&row.benign_lost(pools)?),
+            percent(paper[0]),
+            percent(paper[1]),
+            percent(paper[4]),
+        ]);
+    }
+    let mut tables = vec![pool];
+    let last = last_round(rounds);
+    if !rounds.is_empty() {
+        let mut table = Table::new(
+            "Rounds with a part left out",
+            &[
+                "variant",
+                "unsafe / activated",
+                "success, last round",
+                "violations, last round",
+                "unsafe version in force",
+                "paper: unsafe",
+                "success",
+                "violations",
+            ],
+            "",
+        );
+        for (row, paper) in ABLATION.iter().zip(papers) {
+            table.row([
+                row.name.to_owned(),
+                counted(&unsafe_activations(rounds, row.arm, None)?),
+                mean(&by_seed(rounds, row.arm, last, SUCCESS)),
+                mean(&by_seed(rounds, row.arm, last, VIOLATION)),
+                mean(&by_seed(rounds, row.arm, last, LIVE_UNSAFE)),
+                percent(paper[2]),
+                percent(paper[3]),
+                percent(paper[5]),
+            ]);
+        }
+        tables.push(table);
+    }
+    let (directions, lines) = ablation_directions(pools)?;
+    tables.push(directions);
+    Ok(Section {
+        title: "Ablation".to_owned(),
+        text: Vec::new(),
+        tables,
+        plots: radar(rounds, pools)?,
+        lines,
+    })
+}
+
+fn ablation_directions(pools: &[ScreenRow]) -> Result<(Table, Vec<String>), ExperimentError> {
+    let mut table = Table::new("The paper's claims of direction", &["claim", "verdict", "because"], "");
+    let mut lines = Vec::new();
+    let detected = |row: &Ablated| row.detected(pools);
+    let [full, no_shadow, no_recovery, no_monitor, no_rollback, no_sandbox, validation, naive] = ABLATION;
+    for (claim, less, more) in [
+        ("without shadow fewer faults are detected", no_shadow, full),
+        ("without kappa_R fewer faults are detected", no_recovery, full),
+        ("without a monitor fewer faults are detected", no_monitor, full),
+        ("without rollback fewer faults come off", no_rollback, full),
+        ("without the sandbox fewer faults are detected", no_sandbox, full),
+        ("the sandbox is worth less than the monitor", no_monitor, no_sandbox),
+        ("validation alone detects fewer than the whole way", validation, full),
+        ("and more than nothing", naive, validation),
+    ] {
+        let (low, high) = (detected(&less)?, detected(&more)?);
+        let apart = match (low.interval, high.interval) {
+            (Some(low), Some(high)) => low.upper < high.lower,
+            _ => false,
+        };
+        let verdict = if low.share() >= high.share() {
+            "not held"
+        } else if apart {
+            "held"
+        } else {
+            "not shown"
+        };
+        let because = format!("{} against {}", counted(&low), counted(&high));
+        lines.push(format!("Ablation: {claim}: {verdict} ({because})"));
+        table.row([claim.to_owned(), verdict.to_owned(), because]);
+    }
+    Ok((table, lines))
+}
+
+/// Six axes for the paper's three strategies.
+fn radar(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Vec<(String, String)>, ExperimentError> {
+    if rounds.is_empty() {
+        return Ok(Vec::new());
+    }
+    let last = last_round(rounds);
+    let full = &ABLATION[0];
+    let mut outlines = Vec::new();
+    for arm in PAPERS {
+        let share = |of: Measure| spread(&by_seed(rounds, arm, last, of)).0 / 100.0;
+        let unsafe_share = unsafe_activations(rounds, arm, None)?.share().unwrap_or(0.0);
+        // Nothing is offered to the static arm: it detects nothing, lets nothing in and takes nothing off.
+        let (detected, accepted, taken_off) = match arm {
+            Arm::Governed => {
+                (full.detected(pools)?.share(), full.accepted(pools)?.share(), full.taken_off(pools)?.share())
+            }
+            Arm::Naive => (Some(0.0), Some(1.0), Some(0.0)),
+            _ => (None, Some(0.0), Some(0.0)),
+        };
+        outlines.push((
+            arm.to_string(),
+            vec![
+                detected,
+                accepted.map(|share| 1.0 - share),
+                Some(1.0 - unsafe_share),
+                Some(share(SUCCESS)),
+                taken_off,
+                Some(1.0 - share(VIOLATION)),
+            ],
+        ));
+    }
+    let axes = ["detected", "not accepted", "safe activation", "success", "taken off", "no violation"];
+    let plot = Radar {
+        title: "Six measures, outer is better (the paper's figure 1)".to_owned(),
+        axes: axes.map(str::to_owned).to_vec(),
+        outlines,
+    };
+    Ok(vec![("radar".to_owned(), plot.svg())])
+}
