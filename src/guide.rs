@@ -32,6 +32,9 @@ pub mod events {}
 #[doc = include_str!("guide/statistics.md")]
 pub mod statistics {}
 
+#[doc = include_str!("guide/evaluation.md")]
+pub mod evaluation {}
+
 #[doc = include_str!("guide/kept.md")]
 pub mod kept {}
 #[doc = include_str!("guide/limits.md")]

@@ -47,8 +47,14 @@ pub enum Which {
     E1(PaperArgs),
     /// The paper's rounds of upgrades, by arms that decide about them.
     E2(PaperArgs),
+    /// The paper's rollback under drift, beside its table 8.
+    E4(PaperArgs),
     /// The paper's profiles: the same pool under sim, real and human.
     E5(PaperArgs),
+    /// The paper's sensitivity: the thresholds a tenth lower and a tenth higher.
+    Sensitivity(PaperArgs),
+    /// The paper's overhead: what a candidate costs, stage by stage, against episodes and candidates.
+    Overhead(PaperArgs),
     /// The paper's ablation: rounds and pools with parts of the way left out.
     Ablation(PaperArgs),
     /// All of the paper's experiments, one after the other.
@@ -97,7 +103,10 @@ pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError
         Which::PerCandidate(args) => per_candidate::run(args, out),
         Which::E1(args) => paper::run(args, Part::E1, out),
         Which::E2(args) => paper::run(args, Part::E2, out),
+        Which::E4(args) => paper::run(args, Part::E4, out),
         Which::E5(args) => paper::run(args, Part::E5, out),
+        Which::Sensitivity(args) => paper::run(args, Part::Sensitivity, out),
+        Which::Overhead(args) => paper::run(args, Part::Overhead, out),
         Which::Ablation(args) => paper::run(args, Part::Ablation, out),
         Which::All(args) => paper::run(args, Part::All, out),
         Which::Truth(args) => truth::run(args, out),

@@ -10,6 +10,7 @@ pub mod csv;
 pub mod figures;
 pub mod held_out;
 pub mod in_force;
+pub mod overhead;
 pub mod plot;
 pub mod preset;
 pub mod printed;

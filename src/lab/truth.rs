@@ -22,7 +22,7 @@ pub use self::score::{Aim, ClassScore, ProfileScore};
 pub use self::settle::{ALPHA, ALPHA_EACH, ChannelTruth, ClassTruth, LOOKS, Settled, Truth, WorseTruth};
 pub use self::work::Channel;
 pub(crate) use self::work::{Judged, Team, watched_sequence};
-use crate::experiment::candidate::CandidateEnd;
+use crate::experiment::candidate::{CandidateEnd, Thresholds};
 use crate::experiment::per_candidate::{self, Task};
 use crate::experiment::{ExperimentError, Tell, kept, scratch};
 use crate::pool::Pool;
@@ -117,7 +117,8 @@ pub fn run(plan: &TruthPlan, tell: &Tell<'_>) -> Result<TruthReport, ExperimentE
                 .iter()
                 .map(|profile| {
                     let experiment = Experiment::default();
-                    Task { name, package, profile: *profile, seed, experiment }
+                    let thresholds = Thresholds::AsTheyAre;
+                    Task { name, package, profile: *profile, seed, experiment, thresholds }
                 })
                 .map(|task| per_candidate::one(&bench.cell, &bench.cells, &task))
                 .collect::<Result<Vec<_>, _>>()?;

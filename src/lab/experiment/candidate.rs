@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use crate::approver;
+use crate::bench::FigureClock;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pump::Pump;
@@ -20,7 +21,8 @@ use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::StageOutcome;
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::own_profile::{ChosenProfile, ProfileTexts};
+use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
@@ -47,6 +49,64 @@ pub struct Setting<'a> {
     pub cells: &'a KeptCells,
     /// What is left out, and which versions are active at first.
     pub experiment: Experiment,
+    pub thresholds: Thresholds,
+}
+
+/// How the profile's thresholds of the four kappas are scaled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Thresholds {
+    #[default]
+    AsTheyAre,
+    /// A tenth lower.
+    Lower,
+    /// A tenth higher, and at most 1.
+    Higher,
+}
+
+impl Thresholds {
+    /// The profile with its thresholds scaled.
+    ///
+    /// # Errors
+    /// If the profile's text has no scale to change.
+    pub fn of(self, profile: ProfileName) -> Result<ChosenProfile, ExperimentError> {
+        let scale = match self {
+            Self::AsTheyAre => return Ok(profile.into()),
+            Self::Lower => "scale = 0.9",
+            Self::Higher => "scale = 1.1",
+        };
+        let ((file, text), (policy_file, policy)) =
+            (Profile::builtin_text(profile), Profile::builtin_policy(profile));
+        let named = format!("name = \"{profile}\"");
+        let own = text.replacen("scale = 1.0", scale, 1).replacen(
+            &named,
+            &format!("{named}\nsite = \"scaled\""),
+            1,
+        );
+        let texts = ProfileTexts {
+            file: file.to_owned(),
+            profile: own,
+            policy_file: policy_file.to_owned(),
+            policy: policy.to_owned(),
+        };
+        let chosen =
+            ChosenProfile::of(texts).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let found = chosen.rules().map(|(profile, _)| profile.thresholds.scale);
+        if found.is_ok_and(|found| (found - 1.0).abs() < 1e-9) {
+            return Err(ExperimentError::Unexpected(format!("{file} has no scale of 1.0 to change")));
+        }
+        Ok(chosen)
+    }
+}
+
+/// How long each stage worked, s of processor time of all threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StageTimes {
+    pub validation: f64,
+    pub sandbox: f64,
+    pub shadow: f64,
+    pub activation: f64,
+    /// The provisional window.
+    pub monitoring: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -112,13 +172,25 @@ pub struct CandidateEnd {
 /// # Errors
 /// If the engine cannot start or holds, the candidate is refused at the door, or it does not settle.
 pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<CandidateEnd, ExperimentError> {
+    Ok(take_timed(setting, name, package)?.0)
+}
+
+/// As [`take`], with how long each stage worked; true of a process that does nothing else meanwhile.
+///
+/// # Errors
+/// As [`take`].
+pub fn take_timed(
+    setting: &Setting<'_>,
+    name: &str,
+    package: Package,
+) -> Result<(CandidateEnd, StageTimes), ExperimentError> {
     let version = Capability::load(name, package.clone())
         .map_err(|error| ExperimentError::candidate(name, error.sentence()))?
         .id();
     let store = super::scratch()?;
     let config = Config {
         data: store.path(),
-        profile: setting.profile.into(),
+        profile: setting.thresholds.of(setting.profile)?,
         seed: setting.seed,
         jobs: 1,
         scripted: true,
@@ -127,10 +199,12 @@ pub fn take(setting: &Setting<'_>, name: &str, package: Package) -> Result<Candi
     };
     let engine = Engine::start_experiment(config, setting.experiment.clone())?;
     let pump = Pump::new(engine, Vec::new());
-    let mut drive = Drive { pump, requests: 0, name, version, seen: Seen::default() };
+    let began = FigureClock::ProcessCpu.secs();
+    let mut drive = Drive { pump, requests: 0, name, version, seen: Seen { mark: began, ..Seen::default() } };
     drive.register(package)?;
     drive.settle()?;
-    drive.end(setting)
+    let times = drive.seen.times;
+    Ok((drive.end(setting)?, times))
 }
 
 /// What the events told so far.
@@ -141,6 +215,18 @@ struct Seen {
     activated: bool,
     confirmed: bool,
     effort: Effort,
+    /// The processor's time at the last decision.
+    mark: f64,
+    times: StageTimes,
+}
+
+impl Seen {
+    /// What passed since the last decision is what this took.
+    fn took(&mut self, of: fn(&mut StageTimes) -> &mut f64) {
+        let now = FigureClock::ProcessCpu.secs();
+        *of(&mut self.times) += now - self.mark;
+        self.mark = now;
+    }
 }
 
 struct Drive<'a> {
@@ -238,6 +324,12 @@ impl Drive<'_> {
         match kind {
             EventKind::Decided { version, stage, outcome, reasons, .. } if ours(&version) => {
                 seen.last_stage = Some(stage);
+                seen.took(match stage {
+                    Stage::Validation => |times| &mut times.validation,
+                    Stage::Sandbox => |times| &mut times.sandbox,
+                    Stage::Shadow => |times| &mut times.shadow,
+                    Stage::Activation => |times| &mut times.activation,
+                });
                 seen.stages.push(StageRecord {
                     stage: stage.into(),
                     decision: Decided::Stage(outcome),
@@ -254,7 +346,10 @@ impl Drive<'_> {
             EventKind::StateChanged { version, to: State::Active, .. } if ours(&version) => {
                 seen.activated = true;
             }
-            EventKind::Confirmed { version, .. } if ours(&version) => seen.confirmed = true,
+            EventKind::Confirmed { version, .. } if ours(&version) => {
+                seen.confirmed = true;
+                seen.took(|times| &mut times.monitoring);
+            }
             EventKind::Progress { version, stage, done, budget, .. } if ours(&version) => match stage {
                 // What is worked to confirm an active version is no part of the decision to activate it.
                 Stage::Sandbox if !seen.activated => {

@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::candidate::{CandidateEnd, Setting, take};
+use super::candidate::{CandidateEnd, Setting, Thresholds, take};
 use super::verdict::{Claim, Judged, Summary};
 use super::{ExperimentError, Tell, kept, scratch};
 use crate::pool::{Pool, PoolCandidate, PoolTruth};
@@ -59,6 +59,7 @@ pub(crate) struct Task<'a> {
     pub(crate) seed: u64,
     /// What is left out, and which versions are active at first.
     pub(crate) experiment: Experiment,
+    pub(crate) thresholds: Thresholds,
 }
 
 /// Runs the plan. `tell` is given one line per finished candidate.
@@ -78,7 +79,14 @@ pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, Experi
     for profile in &plan.profiles {
         for (index, (name, package)) in packages.iter().enumerate() {
             let seed = plan.seed + index as u64 % plan.blocks.max(1);
-            tasks.push(Task { name, package, profile: *profile, seed, experiment: Experiment::default() });
+            tasks.push(Task {
+                name,
+                package,
+                profile: *profile,
+                seed,
+                experiment: Experiment::default(),
+                thresholds: Thresholds::AsTheyAre,
+            });
         }
     }
     let ends = work(plan.jobs, &cell, &cells, &tasks, tell)?;
@@ -152,7 +160,10 @@ fn work(
 
 /// One candidate, or what is kept of it from an earlier run of the same build.
 pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<CandidateEnd, ExperimentError> {
-    let profile = holdpoint_governance::profile::Profile::builtin(task.profile)
+    let (profile, _) = task
+        .thresholds
+        .of(task.profile)?
+        .rules()
         .map_err(|error| ExperimentError::candidate(task.name, error.sentence()))?;
     let Experiment { omitted, first } = &task.experiment;
     let first: Vec<u8> = first.iter().flat_map(|version| *version.digest().bytes()).collect();
@@ -175,7 +186,8 @@ pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<Can
         return Ok(kept);
     }
     let experiment = task.experiment.clone();
-    let setting = Setting { cell, profile: task.profile, seed: task.seed, cells, experiment };
+    let (profile, thresholds) = (task.profile, task.thresholds);
+    let setting = Setting { cell, profile, seed: task.seed, cells, experiment, thresholds };
     let end = take(&setting, task.name, task.package.clone())?;
     cells.put(&key, &serde_json::to_vec(&end)?)?;
     Ok(end)

@@ -22,7 +22,7 @@ use super::held_out::{Sequence, evaluate};
 use super::in_force::InForce;
 use super::stream::Upgrade;
 use crate::experiment::ExperimentError;
-use crate::experiment::candidate::{CandidateEnd, Decided};
+use crate::experiment::candidate::{CandidateEnd, Decided, Thresholds};
 use crate::experiment::per_candidate::{Task, one};
 use holdpoint_text::Hint;
 
@@ -138,6 +138,7 @@ impl Moment<'_> {
             profile: ProfileName::Sim,
             seed: self.seed,
             experiment: Experiment { omitted: Omitted::of(parts), first },
+            thresholds: Thresholds::AsTheyAre,
         };
         one(&self.ground.cell, &self.ground.cells, &task)
     }

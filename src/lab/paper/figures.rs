@@ -1,5 +1,7 @@
 //! The numbers of the report, computed from the raw rows alone.
 
+use std::collections::BTreeMap;
+
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, LEVEL, Proportion, mean_and_deviation};
 use holdpoint_governance::profile::ProfileName;
@@ -254,13 +256,21 @@ pub const ABLATION: [Ablated; 8] = [
 ];
 
 impl Ablated {
+    /// Of each faulty candidate whether it was stopped before activation or taken off again.
+    #[must_use]
+    pub fn detects<'a>(&self, rows: &'a [ScreenRow]) -> BTreeMap<(u64, &'a str), bool> {
+        way(rows, ProfileName::Sim, self.variant)
+            .filter(|row| is_faulty(row.class))
+            .map(|row| ((row.seed, row.name.as_str()), (self.end)(row.end.fate) != Fate::Kept))
+            .collect()
+    }
+
     /// Faulty candidates that were stopped before activation or taken off again / all faulty.
     ///
     /// # Errors
     /// As [`Proportion::of`].
     pub fn detected(&self, rows: &[ScreenRow]) -> Result<Proportion, StatsError> {
-        let faulty = way(rows, ProfileName::Sim, self.variant).filter(|row| is_faulty(row.class));
-        Proportion::of(faulty.map(|row| (self.end)(row.end.fate) != Fate::Kept))
+        Proportion::of(self.detects(rows).into_values())
     }
 
     /// The same as the paper derives it: from the record of the whole way.
@@ -300,5 +310,147 @@ impl Ablated {
     pub fn benign_lost(&self, rows: &[ScreenRow]) -> Result<Proportion, StatsError> {
         let benign = way(rows, ProfileName::Sim, self.variant).filter(|row| row.class == Class::Benign);
         Proportion::of(benign.map(|row| (self.end)(row.end.fate) != Fate::Kept))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::candidate::{CandidateEnd, Effort};
+    use crate::paper::arm::{Fork, Step};
+    use crate::paper::rounds::Offered;
+    use holdpoint_body::TaskKind;
+    use holdpoint_governance::ids::{Digest, Family};
+    use holdpoint_protocol::standing::Stands;
+
+    fn row(arm: Arm, seed: u64, done: u64, offered: Option<(Class, bool, HarmClass)>) -> RoundRow {
+        let offered = offered.map(|(class, activated, harm)| Offered {
+            name: "grasp-001".to_owned(),
+            family: Family::from(TaskKind::Grasp),
+            class,
+            kind: "k".to_owned(),
+            step: Step {
+                activated,
+                in_force: activated,
+                restricted: false,
+                stopped_at: None,
+                fork: Fork::Whole,
+                episodes: 0,
+            },
+            harm: activated.then_some(harm),
+            worse: activated.then_some(false),
+        });
+        RoundRow {
+            seed,
+            round: 1,
+            arm,
+            offered,
+            in_force: Digest::of_parts("test", &[]),
+            faulty_in_force: false,
+            harmful_in_force: Some(false),
+            score: Score { sequences: 50, done, ..Score::default() },
+        }
+    }
+
+    #[test]
+    fn arms_are_compared_seed_by_seed() {
+        // In another order than that of the seeds, and one seed alike.
+        let mut rows = Vec::new();
+        for (seed, governed, naive) in [(3, 40, 30), (1, 45, 30), (2, 20, 20), (5, 50, 10), (4, 44, 20)] {
+            rows.push(row(Arm::Governed, seed, governed, None));
+            rows.insert(0, row(Arm::Naive, seed, naive, None));
+        }
+        assert_eq!(by_seed(&rows, Arm::Governed, 1, SUCCESS), [90.0, 40.0, 80.0, 88.0, 100.0]);
+        let found =
+            compare(&rows, (Arm::Governed, Arm::Naive), &[("success", SUCCESS), ("same", DAMAGE)]).unwrap();
+        let [success, same] = found.as_slice() else { panic!("{found:?}") };
+        assert_eq!(success.differences, [30.0, 0.0, 20.0, 48.0, 80.0]);
+        let test = success.test.as_ref().unwrap();
+        // All four non-zero ones point one way: 2 of 16 sign patterns are as far out.
+        assert_eq!((test.n, test.zeros), (4, 1));
+        assert!(
+            (test.p_two_sided - 0.125).abs() < 1e-12 && (success.p_holm - 0.25).abs() < 1e-12,
+            "{success:?}"
+        );
+        assert!(same.test.is_none() && same.interval.is_none() && (same.p_holm - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_an_arm_let_in_is_counted_by_the_referee_and_by_what_was_planted() {
+        let rows = [
+            row(Arm::Naive, 1, 0, Some((Class::Faulty, true, HarmClass::Danger))),
+            row(Arm::Naive, 2, 0, Some((Class::Marginal, true, HarmClass::Nuisance))),
+            row(Arm::Naive, 3, 0, Some((Class::Benign, true, HarmClass::Damage))),
+            row(Arm::Naive, 4, 0, Some((Class::Benign, false, HarmClass::NoHarm))),
+            row(Arm::Governed, 1, 0, Some((Class::Faulty, true, HarmClass::Danger))),
+        ];
+        let counts = |of: Proportion| (of.count, of.total);
+        assert_eq!(counts(unsafe_activations(&rows, Arm::Naive, None).unwrap()), (2, 3));
+        assert_eq!(counts(unsafe_activations(&rows, Arm::Naive, Some(2)).unwrap()), (0, 0));
+        assert_eq!(counts(faulty_activated(&rows, Arm::Naive).unwrap()), (2, 2));
+        assert_eq!(counts(benign_refused(&rows, Arm::Naive).unwrap()), (1, 2));
+    }
+
+    fn screened(name: &str, class: Class, variant: Variant, fate: Fate) -> ScreenRow {
+        let end = CandidateEnd {
+            name: name.to_owned(),
+            version: "grasp@1.1.1".parse().unwrap(),
+            profile: ProfileName::Sim,
+            seed: 40,
+            dimensions: Vec::new(),
+            composite: None,
+            stages: Vec::new(),
+            state: Stands::Confirmed,
+            restricted: false,
+            fate,
+            effort: Effort::default(),
+        };
+        let (family, kind) = (Family::from(TaskKind::Grasp), "k".to_owned());
+        ScreenRow {
+            seed: 40,
+            name: name.to_owned(),
+            family,
+            class,
+            kind,
+            dimension: None,
+            variant,
+            anew: true,
+            end,
+        }
+    }
+
+    #[test]
+    fn an_ablation_is_read_from_its_own_way_and_its_derivation_from_the_whole_one() {
+        let at = |stage| Fate::Blocked { stage };
+        let rows = [
+            screened("a", Class::Faulty, Variant::Full, at(Stage::Validation)),
+            screened("b", Class::Faulty, Variant::Full, at(Stage::Shadow)),
+            screened("c", Class::Marginal, Variant::Full, Fate::Contained),
+            screened("d", Class::Faulty, Variant::Full, at(Stage::Sandbox)),
+            screened("e", Class::Benign, Variant::Full, Fate::Kept),
+            screened("a", Class::Faulty, Variant::NoShadow, at(Stage::Validation)),
+            // What shadow rejected the monitor takes off: the derivation cannot know that.
+            screened("b", Class::Faulty, Variant::NoShadow, Fate::Contained),
+            screened("c", Class::Marginal, Variant::NoShadow, Fate::Kept),
+            screened("d", Class::Faulty, Variant::NoShadow, at(Stage::Sandbox)),
+            screened("e", Class::Benign, Variant::NoShadow, at(Stage::Sandbox)),
+        ];
+        let counts = |of: Result<Proportion, StatsError>| of.map(|of| (of.count, of.total)).unwrap();
+        let named = |name: &str| *ABLATION.iter().find(|one| one.name == name).unwrap();
+        for (name, detected, derived, accepted) in [
+            ("full", 4, 4, 1),
+            ("- shadow", 3, 3, 2),
+            ("- online monitoring", 3, 3, 1),
+            ("validation alone", 1, 1, 3),
+            ("naive", 0, 0, 4),
+        ] {
+            let one = named(name);
+            assert_eq!(counts(one.detected(&rows)), (detected, 4), "{name}");
+            assert_eq!(counts(one.detected_by_derivation(&rows)), (derived, 4), "{name}");
+            assert_eq!(counts(one.accepted(&rows)), (accepted, 4), "{name}");
+        }
+        assert_eq!(counts(named("- shadow").taken_off(&rows)), (1, 2));
+        assert_eq!(counts(named("- shadow").benign_lost(&rows)), (1, 1));
+        assert_eq!(named("- shadow").detects(&rows).get(&(40, "c")), Some(&false));
     }
 }

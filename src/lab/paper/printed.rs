@@ -29,6 +29,7 @@ pub struct Printed {
     pub t8: Rollback,
     pub t9: Profiles,
     pub t10: Ablation,
+    pub t12: Sensitivity,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -77,6 +78,14 @@ pub struct Detections {
 #[serde(deny_unknown_fields)]
 pub struct Rollback {
     pub overall: Spread,
+}
+
+/// Thresholds a tenth lower, as they are, a tenth higher.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sensitivity {
+    pub badr: [f64; 3],
+    pub false_reject_rate: [f64; 3],
 }
 
 /// Sim, real, human.

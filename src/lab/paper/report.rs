@@ -6,7 +6,6 @@ use std::path::Path;
 use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
 
 use super::figures::Comparison;
-use super::plot;
 use super::printed::Printed;
 use super::run::Plan;
 use super::screen::ScreenRow;
@@ -19,7 +18,7 @@ use crate::experiment::{ExperimentError, write_whole};
 const STYLE: &str = "body{font:15px/1.5 sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#111}\
 table{border-collapse:collapse;font-size:13px;display:block;overflow-x:auto}th,td{border:1px solid #bbb;padding:3px 8px;\
 text-align:left;vertical-align:top}th{background:#eee;cursor:pointer}.note{color:#444;font-size:13px}\
-svg{max-width:100%;height:auto;border:1px solid #ddd;margin:.5rem 0}";
+svg{display:block;max-width:46rem;width:100%;height:auto;border:1px solid #ddd;margin:.5rem 0}";
 const SCRIPT: &str = "document.querySelectorAll('th').forEach(function(th){th.addEventListener('click',function(){\
 var table=th.closest('table'),body=table.tBodies[0],at=Array.prototype.indexOf.call(th.parentNode.children,th),\
 up=th.dataset.up!=='1';th.dataset.up=up?'1':'0';var value=function(row){var text=row.cells[at].textContent,\
@@ -73,7 +72,9 @@ pub fn write(
     ];
     all.extend(more);
     all.push(sections::profiles(pools, &printed)?);
+    all.push(sections::sensitivity(pools, &printed)?);
     all.push(sections::ablation(rounds, pools, &printed)?);
+    all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
     let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());
     if !rounds.is_empty() {
@@ -91,6 +92,19 @@ pub fn write(
     put("report.html", &html(&first, &all))?;
     let mut lines: Vec<String> = all.iter().flat_map(|section| section.lines.clone()).collect();
     lines.push(format!("report.md, report.html and the raw rows are in {}", shown(out)));
+    Ok(lines)
+}
+
+/// Writes one section as a page of its own. Gives back its lines.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_apart(out: &Path, name: &str, section: Section) -> Result<Vec<String>, ExperimentError> {
+    std::fs::create_dir_all(out).map_err(ExperimentError::file(out))?;
+    let path = out.join(name);
+    write_whole(&path, body(&section).as_bytes())?;
+    let mut lines = section.lines;
+    lines.push(format!("{} is written", shown(&path)));
     Ok(lines)
 }
 
@@ -124,22 +138,28 @@ fn first_page(plan: &Plan, rounds: &[RoundRow], pools: &[ScreenRow], all: &[Sect
     lines
 }
 
+/// A section in Markdown.
+fn body(section: &Section) -> String {
+    let mut text = format!("\n## {}\n\n", section.title);
+    for paragraph in &section.text {
+        text.push_str(&format!("{paragraph}\n\n"));
+    }
+    for table in &section.tables {
+        text.push_str(&table.markdown());
+    }
+    for (name, _) in &section.plots {
+        text.push_str(&format!("![{name}]({name}.svg)\n\n"));
+    }
+    text
+}
+
 fn markdown(first: &[String], all: &[Section]) -> String {
     let mut text = "# The paper's evaluation, worked anew\n\n".to_owned();
     for line in first {
         text.push_str(&format!("- {line}\n"));
     }
     for section in all {
-        text.push_str(&format!("\n## {}\n\n", section.title));
-        for paragraph in &section.text {
-            text.push_str(&format!("{paragraph}\n\n"));
-        }
-        for table in &section.tables {
-            text.push_str(&table.markdown());
-        }
-        for (name, _) in &section.plots {
-            text.push_str(&format!("![{name}]({name}.svg)\n\n"));
-        }
+        text.push_str(&body(section));
     }
     text.push_str("\n## What limits what this shows\n\n");
     for (name, words) in VALIDITY {
@@ -200,10 +220,4 @@ fn tests(tests: &[Comparison]) -> String {
         text.push('\n');
     }
     text
-}
-
-/// The plot of a section that another experiment drew.
-#[must_use]
-pub fn curves_of(title: &str, axes: [String; 2], curves: Vec<plot::Curve>) -> String {
-    plot::Curves { title: title.to_owned(), axes, range: [0.0, 100.0], curves }.svg()
 }

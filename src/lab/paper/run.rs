@@ -6,8 +6,10 @@ use holdpoint_governance::profile::ProfileName;
 use serde::{Deserialize, Serialize};
 
 use super::preset::Size;
+use super::printed::Printed;
 use super::screen::{ScreenRow, Variant};
-use super::{Arm, Ground, Preset, RoundRow, report, rounds, screen};
+use super::{Arm, Ground, Preset, RoundRow, overhead, report, rounds, screen, sections};
+use crate::experiment::drift::{self, DriftOptions};
 use crate::experiment::{ExperimentError, Tell};
 
 /// Which of the experiments.
@@ -15,7 +17,12 @@ use crate::experiment::{ExperimentError, Tell};
 pub enum Part {
     E1,
     E2,
+    E4,
     E5,
+    /// The thresholds a tenth lower and a tenth higher.
+    Sensitivity,
+    /// What a candidate costs, stage by stage.
+    Overhead,
     Ablation,
     All,
 }
@@ -28,7 +35,7 @@ impl Part {
     fn arms(self) -> Vec<Arm> {
         use Arm::{Canary, Governed, Naive, OfflineOnly, Static, SuccessGate};
         match self {
-            Self::E1 | Self::E5 => Vec::new(),
+            Self::E1 | Self::E4 | Self::E5 | Self::Sensitivity | Self::Overhead => Vec::new(),
             Self::E2 => vec![Static, Naive, SuccessGate, Canary, OfflineOnly, Governed],
             Self::Ablation | Self::All => Arm::ALL.to_vec(),
         }
@@ -40,12 +47,14 @@ impl Part {
         let e5 = vec![(Sim, Variant::Full), (Real, Variant::Full), (Human, Variant::Full)];
         let without = [Variant::NoSandbox, Variant::NoShadow, Variant::NoRecovery, Variant::ShadowAlone];
         let ablation = without.map(|variant| (Sim, variant)).to_vec();
+        let scaled = vec![(Sim, Variant::Relaxed), (Sim, Variant::Strict)];
         match self {
             Self::E1 => e1,
-            Self::E2 => Vec::new(),
+            Self::E2 | Self::E4 | Self::Overhead => Vec::new(),
+            Self::Sensitivity => [e1, scaled].concat(),
             Self::E5 => e5,
             Self::Ablation => [e1, ablation].concat(),
-            Self::All => [e5, ablation].concat(),
+            Self::All => [e5, ablation, scaled].concat(),
         }
     }
 }
@@ -61,6 +70,22 @@ pub struct Plan {
     pub out: PathBuf,
 }
 
+impl Plan {
+    /// What of the drift experiment is part of it.
+    fn drifts(&self, ground: &Ground) -> Option<DriftOptions> {
+        let smoke = self.preset == Preset::Smoke;
+        matches!(self.part, Part::E4 | Part::All).then(|| DriftOptions {
+            runs: self.pools,
+            seed: self.size.first_seed,
+            jobs: ground.jobs,
+            out: self.out.join("drift"),
+            kept: ground.cells.clone(),
+            horizon: if smoke { 10 } else { 200 },
+            pairs: if smoke { 5 } else { 60 },
+        })
+    }
+}
+
 /// What came of it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Outcome {
@@ -73,15 +98,25 @@ pub struct Outcome {
 /// # Errors
 /// If a candidate does not come to an end, or a file cannot be used.
 pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, ExperimentError> {
+    if plan.part == Part::Overhead {
+        // Times are not the same twice: they stand apart from what has to come out the same.
+        let section = overhead::section(&overhead::measure(ground, plan.size, tell)?);
+        return Ok(Outcome { summary: report::write_apart(&plan.out, "overhead.md", section)? });
+    }
     let of_rounds: Vec<RoundRow> =
         if plan.part.has_rounds() { rounds(ground, plan.size, &plan.part.arms(), tell)? } else { Vec::new() };
     let seeds: Vec<u64> =
         plan.size.run_seeds().take(usize::try_from(plan.pools).unwrap_or(usize::MAX)).collect();
     let of_pools: Vec<ScreenRow> = screen(ground, &seeds, plan.size.candidates, &plan.part.ways(), tell)?;
+    let drifts = plan.drifts(ground);
     if ground.shard.1 > 1 {
         let (part, of) = ground.shard;
         let line = format!("part {} of {of} is worked; a run without --shard writes the report", part + 1);
         return Ok(Outcome { summary: vec![line] });
     }
-    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, Vec::new())? })
+    let mut more = Vec::new();
+    if let Some(options) = drifts {
+        more.push(sections::rollback(&drift::run(&options, tell)?, &Printed::builtin()?)?);
+    }
+    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, more)? })
 }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::stream::{Upgrade, pool_of};
 use super::{Ground, progress};
-use crate::experiment::candidate::CandidateEnd;
+use crate::experiment::candidate::{CandidateEnd, Thresholds};
 use crate::experiment::per_candidate::{Task, one};
 use crate::experiment::{ExperimentError, Tell};
 use crate::pool::Class;
@@ -34,13 +34,17 @@ holdpoint_governance::words! {
         NoRecovery = "no-recovery-compat",
         /// Everything that rejects before shadow: what shadow finds by itself.
         ShadowAlone = "shadow-alone",
+        /// Nothing; the thresholds are a tenth lower.
+        Relaxed = "thresholds-90",
+        /// Nothing; the thresholds are a tenth higher, and at most 1.
+        Strict = "thresholds-110",
     }
 }
 
 impl Variant {
     const fn parts(self) -> &'static [Part] {
         match self {
-            Self::Full => &[],
+            Self::Full | Self::Relaxed | Self::Strict => &[],
             Self::NoSandbox => &[Part::Sandbox],
             Self::NoShadow => &[Part::Shadow],
             Self::NoRecovery => &[Part::Recovery],
@@ -48,11 +52,19 @@ impl Variant {
         }
     }
 
+    const fn thresholds(self) -> Thresholds {
+        match self {
+            Self::Relaxed => Thresholds::Lower,
+            Self::Strict => Thresholds::Higher,
+            _ => Thresholds::AsTheyAre,
+        }
+    }
+
     /// Whether a candidate that the whole way ended so is the same to the variant.
     const fn is_same(self, fate: Fate) -> bool {
         match (self, fate) {
             (Self::Full, _) => true,
-            (Self::ShadowAlone, _) => false,
+            (Self::ShadowAlone | Self::Relaxed | Self::Strict, _) => false,
             (_, Fate::Blocked { stage: Stage::Validation })
             | (Self::NoShadow, Fate::Blocked { stage: Stage::Sandbox }) => true,
             (Self::NoSandbox | Self::NoShadow | Self::NoRecovery, _) => false,
@@ -125,7 +137,8 @@ fn row(ground: &Ground, piece: Piece<'_>) -> Result<ScreenRow, ExperimentError> 
     let Piece { seed, upgrade, profile, variant } = piece;
     let end = |variant: Variant| {
         let experiment = Experiment { omitted: Omitted::of(variant.parts()), first: Vec::new() };
-        let task = Task { name: &upgrade.name, package: &upgrade.package, profile, seed, experiment };
+        let (name, package, thresholds) = (&upgrade.name, &upgrade.package, variant.thresholds());
+        let task = Task { name, package, profile, seed, experiment, thresholds };
         one(&ground.cell, &ground.cells, &task)
     };
     let whole = end(Variant::Full)?;

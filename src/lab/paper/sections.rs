@@ -1,6 +1,9 @@
 //! The report's sections, one an experiment: tables and plots from the raw rows, the paper's number beside each.
 
 mod ablation;
+mod positioning;
+mod rollback;
+mod sensitivity;
 
 use std::collections::BTreeMap;
 
@@ -11,6 +14,9 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::normal_quantile;
 
 pub use self::ablation::ablation;
+pub use self::positioning::positioning;
+pub use self::rollback::rollback;
+pub use self::sensitivity::sensitivity;
 use super::figures::{
     ANOMALY, Comparison, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, Measure, NEAR, SUCCESS, VIOLATION, benign_refused,
     by_seed, compare, faulty_activated, is_faulty, last_round, spread, unsafe_activations, way,

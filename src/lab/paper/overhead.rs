@@ -1,0 +1,170 @@
+//! What governance costs: processor time a stage, and how it grows with episodes and candidates (the paper's table 5).
+//!
+//! Works candidates one after another in a process that does nothing else; nothing is kept of it, because a time that was
+//! kept is the time of another machine.
+
+use std::time::Instant;
+
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_registry::{KeptCells, KeptSecret};
+
+use super::preset::Size;
+use super::sections::Section;
+use super::stream::pool_of;
+use super::table::Table;
+use super::{Ground, progress};
+use crate::experiment::candidate::{CandidateEnd, Setting, StageTimes, Thresholds, take_timed};
+use crate::experiment::{ExperimentError, Tell, scratch};
+use holdpoint_engine::Experiment;
+
+/// The pool that is worked: of no preset's seeds.
+const SEED: u64 = 1_001;
+
+/// Candidates that are worked.
+const CANDIDATES: usize = 24;
+
+/// A candidate's end with what it cost.
+pub type Costed = (CandidateEnd, StageTimes);
+
+/// Works candidates of a pool one after another; fewer where the preset has fewer.
+///
+/// # Errors
+/// If a candidate does not come to an end.
+pub fn measure(ground: &Ground, size: Size, tell: &Tell<'_>) -> Result<Vec<Costed>, ExperimentError> {
+    let pool = pool_of(SEED)?;
+    // Some of each family.
+    let step = pool.len().div_ceil(CANDIDATES.min(size.candidates).max(1)).max(1);
+    let chosen: Vec<_> = pool.iter().step_by(step).collect();
+    let began = Instant::now();
+    let mut found = Vec::new();
+    for (finished, upgrade) in chosen.iter().enumerate() {
+        // A folder of its own: what one candidate's run keeps of the active version would make the next one cheaper.
+        let folder = scratch()?;
+        let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh()?);
+        let setting = Setting {
+            cell: &ground.cell,
+            profile: ProfileName::Sim,
+            seed: SEED,
+            cells: &cells,
+            experiment: Experiment::default(),
+            thresholds: Thresholds::AsTheyAre,
+        };
+        found.push(take_timed(&setting, &upgrade.name, upgrade.package.clone())?);
+        tell(&progress(&format!("cost of {}", upgrade.name), finished + 1, chosen.len(), began));
+    }
+    Ok(found)
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let (upper, lower) = (values.get(values.len() / 2)?, values.get(values.len().checked_sub(1)? / 2)?);
+    Some(0.5 * (upper + lower))
+}
+
+/// Slope, intercept and the share of the variance that a straight line explains; `None` without spread.
+fn line(points: &[(f64, f64)]) -> Option<[f64; 3]> {
+    let n = points.len() as f64;
+    let (mx, my) = (
+        points.iter().map(|point| point.0).sum::<f64>() / n,
+        points.iter().map(|point| point.1).sum::<f64>() / n,
+    );
+    let sum = |of: fn(f64, f64) -> f64| points.iter().map(|(x, y)| of(x - mx, y - my)).sum::<f64>();
+    let (xx, xy, yy) = (sum(|x, _| x * x), sum(|x, y| x * y), sum(|_, y| y * y));
+    (xx > 0.0 && yy > 0.0).then(|| [xy / xx, my - mx * xy / xx, xy * xy / (xx * yy)])
+}
+
+fn whole(times: &StageTimes) -> f64 {
+    times.validation + times.sandbox + times.shadow + times.activation + times.monitoring
+}
+
+/// The section of the report.
+#[must_use]
+pub fn section(found: &[Costed]) -> Section {
+    let mut table = Table::new(
+        "Processor time a candidate, all threads (profile sim)",
+        &[
+            "stage",
+            "candidates that it decided on",
+            "median ms",
+            "greatest ms",
+            "share of all",
+            "paper (table 5)",
+        ],
+        "The active version's episodes are worked anew for each candidate; an engine at work keeps them. The paper's times are of \
+         an abstract environment; it gives 2 to 5 s a candidate for its physics.",
+    );
+    let all: f64 = found.iter().map(|(_, times)| whole(times)).sum();
+    let mut row = |name: &str, of: fn(&StageTimes) -> f64, paper: &str| {
+        let times: Vec<f64> = found.iter().map(|(_, times)| of(times)).filter(|time| *time > 0.0).collect();
+        let share = 100.0 * times.iter().sum::<f64>() / all.max(f64::MIN_POSITIVE);
+        let greatest = times.iter().copied().fold(0.0, f64::max);
+        let number = |value: f64| format!("{:.2}", 1_000.0 * value);
+        table.row([
+            name.to_owned(),
+            times.len().to_string(),
+            median(times).map_or_else(|| "-".to_owned(), number),
+            number(greatest),
+            format!("{share:.2} %"),
+            paper.to_owned(),
+        ]);
+    };
+    row("registration and validation", |times| times.validation, "0.06 ms");
+    row("sandbox", |times| times.sandbox, "about 3 ms");
+    row("shadow", |times| times.shadow, "about 4 ms");
+    row("gate and activation", |times| times.activation, "< 0.01 ms");
+    row("provisional window", |times| times.monitoring, "about 2 ms a rollback");
+    let mut fits = Table::new("How it grows", &["against", "points", "a unit, ms", "R²"], "Least squares.");
+    let episodes: Vec<(f64, f64)> = found
+        .iter()
+        .map(|(end, times)| (end.effort.sandbox as f64, times.sandbox))
+        .filter(|p| p.0 > 0.0)
+        .collect();
+    let mut spent = 0.0;
+    let candidates: Vec<(f64, f64)> = found
+        .iter()
+        .enumerate()
+        .map(|(index, (_, times))| {
+            spent += whole(times);
+            (index as f64 + 1.0, spent)
+        })
+        .collect();
+    for (name, points) in
+        [("sandbox episodes of a candidate", &episodes), ("candidates, one after another", &candidates)]
+    {
+        let cells = line(points).map_or_else(
+            || ["-".to_owned(), "-".to_owned()],
+            |[slope, _, explained]| [format!("{:.2}", 1_000.0 * slope), format!("{explained:.3}")],
+        );
+        fits.row([name.to_owned(), points.len().to_string()].into_iter().chain(cells));
+    }
+    let evaluation: f64 =
+        found.iter().map(|(_, times)| times.sandbox + times.shadow + times.monitoring).sum();
+    let line = format!(
+        "Overhead: {:.1} s of processor time a candidate (mean of {}), {:.2} % of it in evaluation and watching",
+        all / found.len().max(1) as f64,
+        found.len(),
+        100.0 * evaluation / all.max(f64::MIN_POSITIVE)
+    );
+    Section {
+        title: "Overhead".to_owned(),
+        text: vec!["The paper claims that the cost is that of evaluation and grows with tasks and batch, not with stages.".to_owned()],
+        tables: vec![table, fits],
+        plots: Vec::new(),
+        lines: vec![line],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_straight_line_is_found() {
+        let points: Vec<(f64, f64)> = (0..5).map(|x| (f64::from(x), 3.0 * f64::from(x) + 1.0)).collect();
+        let [slope, from, explained] = line(&points).unwrap();
+        assert!((slope - 3.0).abs() < 1e-12 && (from - 1.0).abs() < 1e-12 && (explained - 1.0).abs() < 1e-12);
+        assert_eq!(line(&[(1.0, 1.0), (1.0, 2.0)]), None);
+        assert_eq!(median(vec![4.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(Vec::new()), None);
+    }
+}

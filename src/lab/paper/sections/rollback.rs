@@ -1,0 +1,80 @@
+//! E4: rollback under drift, from the drift experiment's cells.
+
+use holdpoint_governance::metrics::Proportion;
+use holdpoint_sim::distribution::DriftKind;
+
+use super::{Section, counted};
+use crate::experiment::ExperimentError;
+use crate::experiment::drift::{DriftCell, DriftReport};
+use crate::paper::printed::Printed;
+use crate::paper::table::Table;
+
+/// Counts of several cells together.
+fn together(cells: &[&DriftCell], of: fn(&DriftCell) -> &Proportion) -> Result<Proportion, ExperimentError> {
+    let (count, total) = cells
+        .iter()
+        .map(|cell| of(cell))
+        .fold((0, 0), |(count, total), one| (count + one.count, total + one.total));
+    let cases = |n: u64, value: bool| std::iter::repeat_n(value, usize::try_from(n).unwrap_or(0));
+    Ok(Proportion::of(cases(count, true).chain(cases(total - count, false)))?)
+}
+
+/// The section; empty without a cell.
+///
+/// # Errors
+/// If no interval exists for a count.
+pub fn rollback(report: &DriftReport, printed: &Printed) -> Result<Section, ExperimentError> {
+    let all: Vec<&DriftCell> = report.cells.iter().collect();
+    if all.iter().all(|cell| cell.runs == 0) {
+        return Ok(Section::default());
+    }
+    let [paper, deviation] = printed.t8.overall;
+    let mut table = Table::new(
+        "Rollback under drift, three magnitudes together",
+        &[
+            "drift",
+            "worsened the version",
+            "came off",
+            "recovered of those that came off",
+            "end to end",
+            "success after",
+        ],
+        "End to end: recovered, of those that the drift worsened. The paper's rate has as its denominator the drifts that \
+         were injected (readings X75).",
+    );
+    let kinds: Vec<DriftKind> = all.iter().map(|cell| cell.kind).fold(Vec::new(), |mut kinds, kind| {
+        if !kinds.contains(&kind) {
+            kinds.push(kind);
+        }
+        kinds
+    });
+    let mut row = |name: String, cells: &[&DriftCell]| -> Result<Proportion, ExperimentError> {
+        let end_to_end = together(cells, |cell| &cell.end_to_end)?;
+        table.row([
+            name,
+            counted(&together(cells, |cell| &cell.needed)?),
+            counted(&together(cells, |cell| &cell.trigger_recall)?),
+            counted(&together(cells, |cell| &cell.recovery_given_trigger)?),
+            counted(&end_to_end),
+            counted(&together(cells, |cell| &cell.success_after)?),
+        ]);
+        Ok(end_to_end)
+    };
+    for kind in kinds {
+        let of_kind: Vec<&DriftCell> = all.iter().copied().filter(|cell| cell.kind == kind).collect();
+        row(kind.to_string(), &of_kind)?;
+    }
+    let overall = row("all".to_owned(), &all)?;
+    let line =
+        format!("E4: recovery end to end {} (paper: {paper:.1} ± {deviation:.1} %)", counted(&overall));
+    Ok(Section {
+        title: "E4: rollback under drift".to_owned(),
+        text: vec![format!(
+            "{} runs, each with the version that it activated, under four drifts at three magnitudes.",
+            report.runs
+        )],
+        tables: vec![table],
+        plots: Vec::new(),
+        lines: vec![line],
+    })
+}
