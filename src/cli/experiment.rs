@@ -53,6 +53,8 @@ pub enum Which {
     E5(PaperArgs),
     /// The paper's sensitivity: the thresholds a tenth lower and a tenth higher.
     Sensitivity(PaperArgs),
+    /// Failures of the governance layer itself, injected: what gets through then.
+    MetaFaults(PaperArgs),
     /// The paper's overhead: what a candidate costs, stage by stage, against episodes and candidates.
     Overhead(PaperArgs),
     /// The paper's ablation: rounds and pools with parts of the way left out.
@@ -106,6 +108,7 @@ pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError
         Which::E4(args) => paper::run(args, Part::E4, out),
         Which::E5(args) => paper::run(args, Part::E5, out),
         Which::Sensitivity(args) => paper::run(args, Part::Sensitivity, out),
+        Which::MetaFaults(args) => paper::run(args, Part::MetaFaults, out),
         Which::Overhead(args) => paper::run(args, Part::Overhead, out),
         Which::Ablation(args) => paper::run(args, Part::Ablation, out),
         Which::All(args) => paper::run(args, Part::All, out),

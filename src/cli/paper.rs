@@ -1,4 +1,4 @@
-//! `holdpoint experiment e1|e2|e4|e5|sensitivity|overhead|ablation|all`: arguments and the printed report.
+//! `holdpoint experiment e1|e2|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
 //!
 //! Prints what [`holdpoint_lab::paper`] measured; must not measure or judge anything itself.
 

@@ -61,6 +61,8 @@ pub enum Thresholds {
     Lower,
     /// A tenth higher, and at most 1.
     Higher,
+    /// Half of what they are: the least that a profile may say.
+    Halved,
 }
 
 impl Thresholds {
@@ -73,6 +75,7 @@ impl Thresholds {
             Self::AsTheyAre => return Ok(profile.into()),
             Self::Lower => "scale = 0.9",
             Self::Higher => "scale = 1.1",
+            Self::Halved => "scale = 0.5",
         };
         let ((file, text), (policy_file, policy)) =
             (Profile::builtin_text(profile), Profile::builtin_policy(profile));

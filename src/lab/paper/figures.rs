@@ -189,8 +189,9 @@ fn let_through(row: &ScreenRow, stage: Stage) -> Fate {
 }
 
 /// Nothing looks at it once it is active.
-fn unwatched(fate: Fate) -> Fate {
-    if fate == Fate::Contained { Fate::Kept } else { fate }
+#[must_use]
+pub const fn unwatched(fate: Fate) -> Fate {
+    if matches!(fate, Fate::Contained) { Fate::Kept } else { fate }
 }
 
 fn validated_alone(fate: Fate) -> Fate {

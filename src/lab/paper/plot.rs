@@ -35,6 +35,8 @@ enum Mark {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     pub name: String,
+    /// Which of the styles: one that is in several plots looks the same in all.
+    pub style: usize,
     pub points: Vec<(f64, f64)>,
 }
 
@@ -47,6 +49,10 @@ pub struct Curves {
     /// Least and greatest value of the upright axis.
     pub range: [f64; 2],
     pub curves: Vec<Curve>,
+}
+
+fn style(number: usize) -> (&'static str, &'static str, Mark) {
+    STYLES[number % STYLES.len()]
 }
 
 fn mark(out: &mut String, mark: Mark, x: f64, y: f64, color: &str) {
@@ -121,7 +127,8 @@ impl Curves {
             top + inner_h / 2.0,
             escaped(&self.axes[1])
         );
-        for (curve, (color, _, _)) in self.curves.iter().zip(STYLES) {
+        for curve in &self.curves {
+            let (color, _, _) = style(curve.style);
             let upper = curve.points.iter().enumerate().map(|(at, (mean, half))| (x(at), y(mean + half)));
             let lower =
                 curve.points.iter().enumerate().rev().map(|(at, (mean, half))| (x(at), y(mean - half)));
@@ -132,7 +139,8 @@ impl Curves {
                 points.join(" ")
             );
         }
-        for (place, (curve, (color, dashes, shape))) in self.curves.iter().zip(STYLES).enumerate() {
+        for (place, curve) in self.curves.iter().enumerate() {
+            let (color, dashes, shape) = style(curve.style);
             let points: Vec<String> = curve
                 .points
                 .iter()
@@ -237,7 +245,11 @@ mod tests {
 
     #[test]
     fn curves_stay_inside_the_frame_and_differ_without_colour() {
-        let curve = |name: &str, value: f64| Curve { name: name.to_owned(), points: vec![(value, 30.0); 6] };
+        let curve = |name: &str, value: f64| Curve {
+            name: name.to_owned(),
+            style: 0,
+            points: vec![(value, 30.0); 6],
+        };
         let plot = Curves {
             title: "a & b".to_owned(),
             axes: ["round".to_owned(), "percent".to_owned()],

@@ -74,6 +74,7 @@ pub fn write(
     all.push(sections::profiles(pools, &printed)?);
     all.push(sections::sensitivity(pools, &printed)?);
     all.push(sections::ablation(rounds, pools, &printed)?);
+    all.push(sections::meta_faults(pools)?);
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
     let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());

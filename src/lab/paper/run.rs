@@ -21,6 +21,8 @@ pub enum Part {
     E5,
     /// The thresholds a tenth lower and a tenth higher.
     Sensitivity,
+    /// Failures of the governance layer itself.
+    MetaFaults,
     /// What a candidate costs, stage by stage.
     Overhead,
     Ablation,
@@ -35,7 +37,9 @@ impl Part {
     fn arms(self) -> Vec<Arm> {
         use Arm::{Canary, Governed, Naive, OfflineOnly, Static, SuccessGate};
         match self {
-            Self::E1 | Self::E4 | Self::E5 | Self::Sensitivity | Self::Overhead => Vec::new(),
+            Self::E1 | Self::E4 | Self::E5 | Self::Sensitivity | Self::MetaFaults | Self::Overhead => {
+                Vec::new()
+            }
             Self::E2 => vec![Static, Naive, SuccessGate, Canary, OfflineOnly, Governed],
             Self::Ablation | Self::All => Arm::ALL.to_vec(),
         }
@@ -47,14 +51,16 @@ impl Part {
         let e5 = vec![(Sim, Variant::Full), (Real, Variant::Full), (Human, Variant::Full)];
         let without = [Variant::NoSandbox, Variant::NoShadow, Variant::NoRecovery, Variant::ShadowAlone];
         let ablation = without.map(|variant| (Sim, variant)).to_vec();
+        let meta = vec![(Sim, Variant::NoValidation), (Sim, Variant::Halved)];
         let scaled = vec![(Sim, Variant::Relaxed), (Sim, Variant::Strict)];
         match self {
             Self::E1 => e1,
             Self::E2 | Self::E4 | Self::Overhead => Vec::new(),
             Self::Sensitivity => [e1, scaled].concat(),
             Self::E5 => e5,
+            Self::MetaFaults => [e1, vec![(Sim, Variant::NoShadow)], meta].concat(),
             Self::Ablation => [e1, ablation].concat(),
-            Self::All => [e5, ablation, scaled].concat(),
+            Self::All => [e5, ablation, scaled, meta].concat(),
         }
     }
 }

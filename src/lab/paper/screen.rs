@@ -34,6 +34,10 @@ holdpoint_governance::words! {
         NoRecovery = "no-recovery-compat",
         /// Everything that rejects before shadow: what shadow finds by itself.
         ShadowAlone = "shadow-alone",
+        /// What stage 2 decides: a compatibility that was never assessed.
+        NoValidation = "no-validation",
+        /// Nothing; the thresholds are half of what they are, the least that a profile may say: a misconfiguration.
+        Halved = "thresholds-50",
         /// Nothing; the thresholds are a tenth lower.
         Relaxed = "thresholds-90",
         /// Nothing; the thresholds are a tenth higher, and at most 1.
@@ -44,7 +48,8 @@ holdpoint_governance::words! {
 impl Variant {
     const fn parts(self) -> &'static [Part] {
         match self {
-            Self::Full | Self::Relaxed | Self::Strict => &[],
+            Self::Full | Self::Halved | Self::Relaxed | Self::Strict => &[],
+            Self::NoValidation => &[Part::Validation],
             Self::NoSandbox => &[Part::Sandbox],
             Self::NoShadow => &[Part::Shadow],
             Self::NoRecovery => &[Part::Recovery],
@@ -56,6 +61,7 @@ impl Variant {
         match self {
             Self::Relaxed => Thresholds::Lower,
             Self::Strict => Thresholds::Higher,
+            Self::Halved => Thresholds::Halved,
             _ => Thresholds::AsTheyAre,
         }
     }
@@ -64,7 +70,9 @@ impl Variant {
     const fn is_same(self, fate: Fate) -> bool {
         match (self, fate) {
             (Self::Full, _) => true,
-            (Self::ShadowAlone | Self::Relaxed | Self::Strict, _) => false,
+            (Self::ShadowAlone | Self::NoValidation | Self::Halved | Self::Relaxed | Self::Strict, _) => {
+                false
+            }
             (_, Fate::Blocked { stage: Stage::Validation })
             | (Self::NoShadow, Fate::Blocked { stage: Stage::Sandbox }) => true,
             (Self::NoSandbox | Self::NoShadow | Self::NoRecovery, _) => false,

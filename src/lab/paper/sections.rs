@@ -1,6 +1,7 @@
 //! The report's sections, one an experiment: tables and plots from the raw rows, the paper's number beside each.
 
 mod ablation;
+mod meta;
 mod positioning;
 mod rollback;
 mod sensitivity;
@@ -14,6 +15,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::normal_quantile;
 
 pub use self::ablation::ablation;
+pub use self::meta::meta_faults;
 pub use self::positioning::positioning;
 pub use self::rollback::rollback;
 pub use self::sensitivity::sensitivity;
@@ -386,8 +388,10 @@ fn tests_table(tests: &[Comparison]) -> Table {
 fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
     let last = last_round(rows);
     let of = |name: &str, arms: &[Arm], measure: Measure, title: &str, range: [f64; 2]| {
-        let curves = arms.iter().filter(|arm| rows.iter().any(|row| row.arm == **arm)).map(|arm| Curve {
+        let shown = arms.iter().enumerate().filter(|(_, arm)| rows.iter().any(|row| row.arm == **arm));
+        let curves = shown.map(|(style, arm)| Curve {
             name: arm.to_string(),
+            style,
             points: (0..=last).map(|round| spread(&by_seed(rows, *arm, round, measure))).collect(),
         });
         let axes = ["round of upgrades".to_owned(), "percent".to_owned()];
@@ -397,14 +401,15 @@ fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
     let six = [Arm::Static, Arm::Naive, Arm::Governed, Arm::OfflineOnly, Arm::Canary, Arm::SuccessGate];
     let percent = [0.0, 100.0];
     let mut cumulative = Vec::new();
-    for arm in six.iter().filter(|arm| **arm != Arm::Static) {
+    let upgrading = six.iter().enumerate().filter(|(_, arm)| **arm != Arm::Static);
+    for (style, arm) in upgrading.filter(|(_, arm)| rows.iter().any(|row| row.arm == **arm)) {
         let mut points = vec![(0.0, 0.0)];
         for round in 1..=last {
             let until: Vec<RoundRow> = rows.iter().filter(|row| row.round <= round).cloned().collect();
             let share = unsafe_activations(&until, *arm, None)?.share().unwrap_or(0.0);
             points.push((100.0 * share, 0.0));
         }
-        cumulative.push(Curve { name: arm.to_string(), points });
+        cumulative.push(Curve { name: arm.to_string(), style, points });
     }
     let unsafe_so_far = Curves {
         title: "Unsafe activations of all so far, by the referee".to_owned(),
