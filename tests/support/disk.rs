@@ -421,7 +421,9 @@ impl<'a> Reader<'a> {
                 let inode = self.lengths.len();
                 self.lengths.push(0);
                 self.names.insert(path.to_owned(), inode);
-                let mode = line.split_once(") = ").unwrap().0.rsplit(", ").next().unwrap();
+                // The result of a call that another thread interrupted stands apart, behind any number of spaces.
+                let call = line.rsplit_once(" = ").unwrap().0.trim_end().trim_end_matches(')');
+                let mode = call.rsplit(", ").next().unwrap();
                 let mode = u32::from_str_radix(mode.trim_start_matches('0'), 8).unwrap_or(0) & !0o022;
                 self.acts.push(Act::Name { inode, path: path.to_owned(), new: Some(mode) });
                 inode
