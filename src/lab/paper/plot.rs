@@ -207,8 +207,14 @@ impl Radar {
                 out,
                 "<line x1=\"{cx}\" y1=\"{cy}\" x2=\"{x:.1}\" y2=\"{y:.1}\" stroke=\"#cccccc\"/>"
             );
-            let (x, y) = at(axis, 1.17);
-            text(&mut out, x, y + 4.0, "middle", name);
+            let (x, y) = at(axis, 1.1);
+            // Words stand outside of the outline, on whichever side of it their axis ends.
+            let anchor = match x - cx {
+                right if right > 1.0 => "start",
+                left if left < -1.0 => "end",
+                _ => "middle",
+            };
+            text(&mut out, x, y + 4.0, anchor, name);
         }
         for (place, ((name, shares), (color, dashes, shape))) in self.outlines.iter().zip(STYLES).enumerate()
         {
