@@ -25,7 +25,6 @@ pub mod table;
 use std::time::Instant;
 
 use holdpoint_engine::cell::Cell;
-use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::KeptCells;
 use holdpoint_text::Hint;
@@ -71,10 +70,4 @@ impl Ground {
 pub(crate) fn progress(what: &str, finished: usize, all: usize, began: Instant) -> String {
     let left = began.elapsed().as_secs_f64() / finished.max(1) as f64 * (all - finished) as f64;
     format!("[{finished}/{all}] {what}; about {:.0} min left", left / 60.0)
-}
-
-/// A share in percent, with its count.
-#[must_use]
-pub fn percent(of: &Proportion) -> String {
-    of.share().map_or_else(|| "-".to_owned(), |share| format!("{:.1}", 100.0 * share))
 }

@@ -423,6 +423,25 @@ mod tests {
     }
 
     #[test]
+    fn thresholds_are_scaled_and_nothing_else_is() {
+        let rules = |thresholds: Thresholds| thresholds.of(ProfileName::Sim).unwrap().rules().unwrap().0;
+        let plain = rules(Thresholds::AsTheyAre);
+        assert!(plain.site.is_none());
+        for (thresholds, behavior) in [
+            (Thresholds::Lower, 0.9 * 0.85),
+            (Thresholds::Higher, 1.1 * 0.85),
+            (Thresholds::Halved, 0.5 * 0.85),
+        ] {
+            let mut scaled = rules(thresholds);
+            assert!((scaled.thresholds.behavior() - behavior).abs() < 1e-9, "{thresholds:?}");
+            assert!(scaled.thresholds.interface() <= 1.0, "{thresholds:?}");
+            scaled.thresholds.clone_from(&plain.thresholds);
+            scaled.site = None;
+            assert_eq!(scaled, plain, "{thresholds:?}");
+        }
+    }
+
+    #[test]
     fn what_was_decided_is_read_back_as_its_deciders_word() {
         let stages = StageOutcome::ALL.map(|word| (Decided::Stage(word), word.name()));
         let monitor = MonitorOutcome::ALL.map(|word| (Decided::Monitor(word), word.name()));

@@ -16,6 +16,7 @@ use super::{ExperimentError, Tell, drift_report, kept};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::stats::StatsError;
 use holdpoint_registry::KeptCells;
 
 /// The most runs of one experiment.
@@ -194,6 +195,11 @@ fn kept_run(cells: &KeptCells, setting: &Digest, seed: u64, drift: Drift) -> Opt
     (run.setting == *setting).then_some(run)
 }
 
+/// A proportion of counts.
+pub(crate) fn counted(good: u64, all: u64) -> Result<Proportion, StatsError> {
+    Proportion::of((0..all).map(|i| i < good))
+}
+
 /// All cells of a run that are not there yet.
 fn one_run(
     setting: &DriftSetting,
@@ -276,7 +282,6 @@ fn summarise(options: &DriftOptions, digest: Digest) -> Result<DriftReport, Expe
 fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentError> {
     let needed = || results.iter().filter(|result| result.effect.needs_trigger);
     let off = || results.iter().filter_map(|result| Some((result, result.rollback.as_ref()?)));
-    let counted = |good: u64, all: u64| Proportion::of((0..all).map(|i| i < good));
     let total = |count: &dyn Fn(&CellResult) -> u64| results.iter().map(count).sum::<u64>();
     let pairs = total(&|result| result.effect.pairs);
     let after = total(&|result| u64::from(result.after.tasks));

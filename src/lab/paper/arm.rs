@@ -149,7 +149,7 @@ impl Moment<'_> {
         let with = self.before.with(self.version.clone(), false);
         let old = evaluate(self.ground, worker, self.before, self.seed, round, OWN_SEQUENCES)?;
         let new = evaluate(self.ground, worker, &with, self.seed, round, OWN_SEQUENCES)?;
-        Ok(new.into_iter().zip(old).collect())
+        Ok(new.into_iter().zip(old).filter_map(|(new, old)| Some((new?, old?))).collect())
     }
 }
 

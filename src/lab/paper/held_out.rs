@@ -41,7 +41,8 @@ pub struct Sequence {
     pub time_s: f64,
 }
 
-/// Works the sequences of a round, or reads them from what is kept. Those whose world failed are absent.
+/// Works the sequences of a round, or reads them from what is kept: one place each, `None` where its world failed, so that
+/// the sequences of two teams stay pairs.
 ///
 /// # Errors
 /// If nothing can be kept.
@@ -52,7 +53,7 @@ pub fn evaluate(
     seed: u64,
     round: u32,
     sequences: u64,
-) -> Result<Vec<Sequence>, ExperimentError> {
+) -> Result<Vec<Option<Sequence>>, ExperimentError> {
     let from = FROM + seed * SEED_STEP + u64::from(round) * ROUND_STEP;
     let at = format!("{from}|{sequences}");
     let parts = [
@@ -64,7 +65,8 @@ pub fn evaluate(
     ]
     .map(<[u8]>::to_vec);
     let key = Digest::of_parts("holdpoint.held-out.v1", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>());
-    if let Some(known) = kept::<Vec<Sequence>>(&ground.cells, &key) {
+    let whole = kept::<Vec<Option<Sequence>>>(&ground.cells, &key);
+    if let Some(known) = whole.filter(|known| known.len() as u64 == sequences) {
         return Ok(known);
     }
     let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
@@ -86,9 +88,10 @@ pub fn evaluate(
         let Ok((seen, records)) = watched_sequence(worker, &ground.cell, &team, index) else {
             // A world that diverged is not used again.
             worker.failed(holdpoint_body::TaskKind::Grasp, index);
+            found.push(None);
             continue;
         };
-        found.push(Sequence {
+        found.push(Some(Sequence {
             done: seen.done,
             harm: scale.class(&seen),
             violation: records.iter().any(|record| record.violation),
@@ -98,7 +101,7 @@ pub fn evaluate(
             continued_ms: records.iter().map(|record| record.unsafe_continuation_ms).sum(),
             retries: records.iter().map(|record| record.retries).sum(),
             time_s: records.iter().map(|record| record.time_secs).sum(),
-        });
+        }));
     }
     ground.cells.put(&key, &serde_json::to_vec(&found)?)?;
     Ok(found)

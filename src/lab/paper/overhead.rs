@@ -14,6 +14,7 @@ use super::stream::pool_of;
 use super::table::Table;
 use super::{Ground, progress};
 use crate::experiment::candidate::{CandidateEnd, Setting, StageTimes, Thresholds, take_timed};
+use crate::experiment::drift::Spread;
 use crate::experiment::{ExperimentError, Tell, scratch};
 use holdpoint_engine::Experiment;
 
@@ -55,12 +56,6 @@ pub fn measure(ground: &Ground, size: Size, tell: &Tell<'_>) -> Result<Vec<Coste
     Ok(found)
 }
 
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let (upper, lower) = (values.get(values.len() / 2)?, values.get(values.len().checked_sub(1)? / 2)?);
-    Some(0.5 * (upper + lower))
-}
-
 /// Slope, intercept and the share of the variance that a straight line explains; `None` without spread.
 fn line(points: &[(f64, f64)]) -> Option<[f64; 3]> {
     let n = points.len() as f64;
@@ -97,13 +92,13 @@ pub fn section(found: &[Costed]) -> Section {
     let mut row = |name: &str, of: fn(&StageTimes) -> f64, paper: &str| {
         let times: Vec<f64> = found.iter().map(|(_, times)| of(times)).filter(|time| *time > 0.0).collect();
         let share = 100.0 * times.iter().sum::<f64>() / all.max(f64::MIN_POSITIVE);
-        let greatest = times.iter().copied().fold(0.0, f64::max);
+        let spread = Spread::of(times.iter().copied());
         let number = |value: f64| format!("{:.2}", 1_000.0 * value);
         table.row([
             name.to_owned(),
             times.len().to_string(),
-            median(times).map_or_else(|| "-".to_owned(), number),
-            number(greatest),
+            spread.map_or_else(|| "-".to_owned(), |spread| number(spread.median)),
+            spread.map_or_else(|| "-".to_owned(), |spread| number(spread.max)),
             format!("{share:.2} %"),
             paper.to_owned(),
         ]);
@@ -164,7 +159,5 @@ mod tests {
         let [slope, from, explained] = line(&points).unwrap();
         assert!((slope - 3.0).abs() < 1e-12 && (from - 1.0).abs() < 1e-12 && (explained - 1.0).abs() < 1e-12);
         assert_eq!(line(&[(1.0, 1.0), (1.0, 2.0)]), None);
-        assert_eq!(median(vec![4.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median(Vec::new()), None);
     }
 }

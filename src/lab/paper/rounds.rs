@@ -230,7 +230,7 @@ impl Way<'_> {
             faulty_in_force: self.planted.values().any(|(class, _)| is_faulty(*class)),
             harmful_in_force: (self.size.judged_by > 0)
                 .then(|| self.planted.values().any(|(_, harm)| harmful(*harm))),
-            score: Score::of(&sequences),
+            score: Score::of(&sequences.into_iter().flatten().collect::<Vec<_>>()),
         })
     }
 }

@@ -104,6 +104,13 @@ pub struct Outcome {
 /// # Errors
 /// If a candidate does not come to an end, or a file cannot be used.
 pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, ExperimentError> {
+    if ground.shard.1 > 1 && matches!(plan.part, Part::E4 | Part::Overhead) {
+        return Err(ExperimentError::Option {
+            option: "--shard",
+            value: format!("{}/{}", ground.shard.0 + 1, ground.shard.1),
+            allowed: "e4 and overhead are worked whole",
+        });
+    }
     if plan.part == Part::Overhead {
         // Times are not the same twice: they stand apart from what has to come out the same.
         let section = overhead::section(&overhead::measure(ground, plan.size, tell)?);

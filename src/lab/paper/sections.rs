@@ -28,7 +28,7 @@ use super::printed::Printed;
 use super::screen::{ScreenRow, Variant};
 use super::table::Table;
 use super::{Arm, RoundRow};
-use crate::experiment::ExperimentError;
+use crate::experiment::{ExperimentError, drift};
 use crate::pool::Class;
 
 /// A part of the report.
@@ -483,10 +483,7 @@ pub fn shadow(rows: &[ScreenRow], printed: &Printed) -> Result<Section, Experime
         table.row(std::iter::once(name.to_owned()).chain(cells.map(|count| count.to_string())));
     }
     let [_, sandbox, shadow_only, both] = total;
-    let share = Proportion::of(
-        std::iter::repeat_n(true, usize::try_from(shadow_only).unwrap_or(0))
-            .chain(std::iter::repeat_n(false, usize::try_from(sandbox + both).unwrap_or(0))),
-    )?;
+    let share = drift::counted(shadow_only, sandbox + shadow_only + both)?;
     let f5 = &printed.f5;
     let paper = 100.0 * f64::from(f5.shadow_only) / f64::from(f5.shadow_only + f5.sandbox);
     let line =

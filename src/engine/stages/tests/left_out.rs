@@ -5,12 +5,14 @@ use std::path::Path;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::omitted::{Omitted, Part};
 use holdpoint_governance::outcome::StageOutcome;
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_text::Hint;
 
 use crate::cell::Cell;
+use crate::context::Context;
 use crate::pipeline::Progress;
 use crate::tests::accepted;
 use crate::trial::cache::EpisodeCache;
@@ -82,4 +84,24 @@ fn a_stage_that_is_left_out_is_said_to_be_and_its_store_is_good_for_nothing_else
         assert!(refused.hint().unwrap().contains("take another store"), "{:?}", refused.hint());
     }
     drop(start(without(Part::Sandbox)).unwrap());
+}
+
+/// Evidence, questions and approvals are bound to the context: what is left out makes it another one.
+#[test]
+fn what_is_found_with_something_left_out_counts_nowhere_else() {
+    let digest = |parts: &[Part]| {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let table = PolicyTable::builtin(&profile).unwrap();
+        let context = Context::new(profile, table, None, Cell::builtin().unwrap()).unwrap();
+        context.without(Omitted::of(parts)).digest
+    };
+    let all = [
+        digest(&[]),
+        digest(&[Part::Shadow]),
+        digest(&[Part::Sandbox]),
+        digest(&[Part::Shadow, Part::Sandbox]),
+    ];
+    for (place, one) in all.iter().enumerate() {
+        assert!(!all[..place].contains(one), "{place}");
+    }
 }

@@ -5,7 +5,7 @@ use holdpoint_sim::distribution::DriftKind;
 
 use super::{Section, counted};
 use crate::experiment::ExperimentError;
-use crate::experiment::drift::{DriftCell, DriftReport};
+use crate::experiment::drift::{self, DriftCell, DriftReport};
 use crate::paper::printed::Printed;
 use crate::paper::table::Table;
 
@@ -15,8 +15,7 @@ fn together(cells: &[&DriftCell], of: fn(&DriftCell) -> &Proportion) -> Result<P
         .iter()
         .map(|cell| of(cell))
         .fold((0, 0), |(count, total), one| (count + one.count, total + one.total));
-    let cases = |n: u64, value: bool| std::iter::repeat_n(value, usize::try_from(n).unwrap_or(0));
-    Ok(Proportion::of(cases(count, true).chain(cases(total - count, false)))?)
+    Ok(drift::counted(count, total)?)
 }
 
 /// The section; empty without a cell.
