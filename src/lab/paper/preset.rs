@@ -3,8 +3,8 @@
 holdpoint_governance::words! {
     /// A size of the paper's experiments.
     Preset, "preset", {
-        /// One seed, one round, ten sequences, two candidates of a pool, and no referee's verdict on versions: less than a
-        /// minute.
+        /// One seed, one round, ten sequences, two candidates of a pool, and no referee's verdict on versions: about a
+        /// minute for all of them.
         Smoke = "smoke",
         /// Five seeds, as the paper's figure 4 and tables 8 to 10.
         PaperFig4 = "paper-fig4",
