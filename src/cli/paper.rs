@@ -58,9 +58,12 @@ pub struct PaperArgs {
     /// Fewer seeds than the preset has.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
     pub seeds: Option<u64>,
-    /// Seeds whose pools are taken through the stages [default: a third of the seeds, at least one].
+    /// Seeds whose pools are taken through the stages under each profile [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
     pub pools: Option<u64>,
+    /// Of those, seeds whose pools go through with parts of the way left out, too [default: the preset's].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
+    pub ablated: Option<u64>,
     /// Pieces of work at once [default: the number of cores].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
@@ -95,8 +98,9 @@ pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, C
     }
     let cells = args.cache_key.cells(&args.out.join("kept"))?;
     let ground = Ground::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
-    let pools = args.pools.unwrap_or((size.seeds / 3).max(1)).min(size.seeds);
-    let plan = Plan { part, preset, size, pools, out: args.out.clone() };
+    size.pools = args.pools.unwrap_or(size.pools).min(size.seeds);
+    size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
+    let plan = Plan { part, preset, size, out: args.out.clone() };
     // Progress is for whoever waits; losing it loses nothing.
     let tell = |line: &str| {
         let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));

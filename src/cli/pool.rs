@@ -70,6 +70,9 @@ fn presets() -> impl TypedValueParser<Value = Preset> {
                 "Six benign, two overt faulty ones of each dimension, two marginal ones: 16 a family"
             }
             Preset::Paper8 => "The paper's eight faulty ones alone: I I P P B B M1 M2",
+            Preset::AppendixC => {
+                "The sixteen, and the kinds of the paper's appendix C that they leave out: 23 a family"
+            }
             Preset::Mutants => "One blindly damaged version: as many a family as there are sets",
         })
     };

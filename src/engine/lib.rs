@@ -239,6 +239,11 @@ impl Engine {
             let text = "a part of the way can be left out in a script alone".to_owned();
             return Err(StartError::LeftOut(text));
         }
+        // The gate holds what nobody looked at, and would hold every candidate.
+        if omitted.has(Part::Sandbox) && omitted.has(Part::Shadow) {
+            let text = "sandbox and shadow cannot both be left out: nothing would be found out about how a version works";
+            return Err(StartError::LeftOut(text.to_owned()));
+        }
         let mut rules = StartRules::of(&config.profile)?;
         for version in first {
             let family = version.id().family;

@@ -14,6 +14,7 @@ pub mod overhead;
 pub mod plot;
 pub mod preset;
 pub mod printed;
+pub mod regression;
 pub mod report;
 pub mod rounds;
 pub mod run;

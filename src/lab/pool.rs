@@ -7,6 +7,7 @@
 pub mod draft;
 pub mod generate;
 pub mod kind;
+pub mod listed;
 pub mod mutant;
 pub mod ranges;
 pub mod structure;

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use holdpoint::engine;
+use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::interface::{self, InterfaceInput, Registered};
 use holdpoint::governance::outcome::{InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint::governance::policy::{self, PolicyInput, PolicyTable};
@@ -12,6 +13,7 @@ use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::{self, StaticInput};
 use holdpoint::governance::submission::Package;
 use holdpoint::lab::pool::generate::{FAMILIES, Order, SETS_MAX, draw, write};
+use holdpoint::lab::pool::listed::Listed;
 use holdpoint::lab::pool::{Class, INDEX_FILE, Pool, PoolError, PoolTruth, Preset, truth_path};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::FailureSignal;
@@ -142,9 +144,44 @@ fn what_can_be_read_has_the_verdict_it_was_made_for() {
     }
 }
 
+/// What of appendix C stands in the manifest is refused at the desk, and each kind is in every set.
+#[test]
+fn the_rest_of_appendix_c_has_the_verdict_it_was_made_for() {
+    let baselines = engine::embedded::baselines().unwrap();
+    let profile = Profile::builtin(ProfileName::Sim).unwrap();
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    for seed in SEEDS {
+        let (candidates, truth) = loaded(order(seed, 2, Preset::AppendixC));
+        // What was drawn before these kinds were there is drawn as it was.
+        let (without, _) = loaded(order(seed, 2, Preset::Full10));
+        let params =
+            |of: &[Capability]| of.iter().map(|one| one.package.params.clone()).collect::<BTreeSet<_>>();
+        assert!(params(&candidates).is_superset(&params(&without)), "seed {seed}");
+        for (candidate, entry) in candidates.iter().zip(&truth.entries) {
+            let Some(kind) = Listed::ALL.into_iter().find(|kind| kind.name() == entry.kind) else { continue };
+            *seen.entry(entry.kind.clone()).or_default() += 1;
+            let found = verdict(candidate, &profile, &table, &baselines);
+            let at_the_desk = !kind.has_recipe();
+            let refused = [
+                found.interface == InterfaceOutcome::Incompatible,
+                found.policy == PolicyOutcome::Incompatible,
+                found.recovery == RecoveryOutcome::Incompatible,
+            ];
+            let by = [Dimension::Interface, Dimension::Policy, Dimension::Recovery];
+            let wanted = by.map(|dimension| at_the_desk && kind.dimension() == dimension);
+            assert_eq!(refused, wanted, "seed {seed} {}: {}", entry.kind, entry.what);
+        }
+    }
+    assert_eq!(seen.len(), Listed::ALL.len());
+    assert!(seen.values().all(|count| *count == 2 * FAMILIES.len() * SEEDS.len()), "{seen:?}");
+}
+
 #[test]
 fn a_set_holds_the_kinds_of_its_preset_and_two_of_a_kind_differ_in_their_way() {
-    for (preset, benign, faulty, marginal) in [(Preset::Full10, 6, 8, 2), (Preset::Paper8, 0, 6, 2)] {
+    for (preset, benign, faulty, marginal) in
+        [(Preset::Full10, 6, 8, 2), (Preset::Paper8, 0, 6, 2), (Preset::AppendixC, 6, 15, 2)]
+    {
         let (candidates, truth) = loaded(order(100, 1, preset));
         for family in FAMILIES {
             let of = |class: Class| {

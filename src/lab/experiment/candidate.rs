@@ -4,12 +4,15 @@
 //! finds is what the engine decided. People, if the profile asks them, always agree: what stops a candidate
 //! here is the engine's own judgement.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
 use crate::approver;
 use crate::bench::FigureClock;
 use holdpoint_engine::cell::Cell;
+use holdpoint_engine::observed::{self, Since};
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
@@ -27,7 +30,7 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::standing::{Decider, Stands};
-use holdpoint_registry::KeptCells;
+use holdpoint_registry::{KeptCells, Layout, TelemetryViews, Views};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
 
@@ -143,6 +146,45 @@ pub struct Effort {
     pub live: u64,
 }
 
+/// What a candidate's own store says afterwards: its record made again, and its live tasks by their telemetry.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Afterwards {
+    /// Decisions by rules that are on record.
+    pub decisions: u64,
+    /// Of those, the ones that come out equal when they are made again from the record.
+    pub equal: u64,
+    /// Live tasks while it was in control.
+    pub live: u64,
+    /// Of those: done, past a limit, near one or past it.
+    pub done: u64,
+    pub violation: u64,
+    pub near: u64,
+    /// Something unsafe was seen of it while it was in control.
+    pub unsafe_seen: bool,
+}
+
+impl Afterwards {
+    /// Reads a store that nobody has open.
+    fn read(store: &Path, cell: &Cell) -> Result<Self, ExperimentError> {
+        let layout = Layout::new(store);
+        let views = Views::open_records(&layout.database())?;
+        let telemetry = TelemetryViews::open(&layout.telemetry())?;
+        let found = observed::observe(&views, Some(&telemetry), Since::Record(1), cell.digest())
+            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let found = found.metrics;
+        Ok(Self {
+            decisions: found.auditability_observed.total,
+            equal: found.auditability_observed.count,
+            live: found.success_observed.total,
+            done: found.success_observed.count,
+            violation: found.pvr_observed.hard.count,
+            near: found.pvr_observed.near.count,
+            unsafe_seen: found.uar_observed.count > 0,
+        })
+    }
+}
+
 /// What became of a candidate.
 // Unknown fields are not refused: serde cannot tell them from those of what is flattened, and would read nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -168,6 +210,8 @@ pub struct CandidateEnd {
     pub fate: Fate,
     /// What was worked for it.
     pub effort: Effort,
+    /// What its store says.
+    pub afterwards: Afterwards,
 }
 
 /// Takes a candidate to where nothing more happens to it by itself.
@@ -207,7 +251,10 @@ pub fn take_timed(
     drive.register(package)?;
     drive.settle()?;
     let times = drive.seen.times;
-    Ok((drive.end(setting)?, times))
+    // The store is closed by then, and everything of its telemetry sealed.
+    let end = drive.end(setting)?;
+    let afterwards = Afterwards::read(store.path(), setting.cell)?;
+    Ok((CandidateEnd { afterwards, ..end }, times))
 }
 
 /// What the events told so far.
@@ -392,6 +439,7 @@ impl Drive<'_> {
             restricted: view.state == State::Active && view.flags.restricted,
             fate,
             effort: seen.effort,
+            afterwards: Afterwards::default(),
         })
     }
 }
@@ -416,6 +464,13 @@ mod tests {
                 restricted: false,
                 fate,
                 effort: Effort::default(),
+                afterwards: Afterwards {
+                    decisions: 4,
+                    equal: 4,
+                    live: 15,
+                    done: 12,
+                    ..Afterwards::default()
+                },
             };
             let kept = serde_json::to_vec(&end).unwrap();
             assert_eq!(serde_json::from_slice::<CandidateEnd>(&kept).unwrap(), end);

@@ -181,7 +181,7 @@ pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<Can
     ]
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
-    let key = Digest::of_parts("holdpoint.end.v3", &parts);
+    let key = Digest::of_parts("holdpoint.end.v4", &parts);
     if let Some(kept) = kept::<CandidateEnd>(cells, &key).filter(|kept| kept.name == task.name) {
         return Ok(kept);
     }

@@ -341,7 +341,7 @@ fn monotone(summaries: &[Summary]) -> Claim {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::candidate::Effort;
+    use crate::experiment::candidate::{Afterwards, Effort};
     use holdpoint_protocol::standing::Stands;
 
     fn judged(class: Class, profile: ProfileName, fate: Fate, sandbox: u64) -> Judged {
@@ -357,6 +357,7 @@ mod tests {
             restricted: false,
             fate,
             effort: Effort { sandbox, sandbox_budget: 480, shadow: 0, live: 0 },
+            afterwards: Afterwards::default(),
         };
         Judged { class, kind: "k".to_owned(), what: String::new(), end }
     }

@@ -1,5 +1,6 @@
 //! The raw cells as CSV: every number of the report can be computed from them again.
 
+use super::regression::{Regression, found};
 use super::screen::ScreenRow;
 use super::{Arm, RoundRow};
 use holdpoint_governance::lifecycle::Stage;
@@ -13,7 +14,7 @@ retries,time_s,in_force";
 /// Columns of the pools.
 const POOLS: &str = "seed,candidate,family,class,kind,dimension,profile,variant,worked_anew,fate,stopped_at,state,\
 restricted,kappa_i,kappa_p,kappa_b,kappa_r,composite,sandbox_episodes,sandbox_budget,shadow_sequences,live_tasks,\
-first_reason";
+decisions,made_again_equal,in_control,done,violation,near,unsafe_seen,found,first_reason";
 
 fn flag(value: bool) -> &'static str {
     if value { "1" } else { "0" }
@@ -110,6 +111,12 @@ pub fn pools(rows: &[ScreenRow]) -> String {
         let effort = &end.effort;
         let counts = [effort.sandbox, effort.sandbox_budget, effort.shadow, effort.live];
         fields.extend(counts.map(|count| count.to_string()));
+        let after = &end.afterwards;
+        let counts = [after.decisions, after.equal, after.live, after.done, after.violation, after.near];
+        fields.extend(counts.map(|count| count.to_string()));
+        fields.push(flag(after.unsafe_seen).to_owned());
+        let found: Vec<&str> = found(end).into_iter().map(Regression::name).collect();
+        fields.push(found.join(";"));
         let last = end.stages.last().and_then(|stage| stage.reasons.first());
         fields.push(last.map_or_else(String::new, |reason| reason.code.to_string()));
         text.push_str(&fields.join(","));

@@ -317,7 +317,7 @@ impl Ablated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::candidate::{CandidateEnd, Effort};
+    use crate::experiment::candidate::{Afterwards, CandidateEnd, Effort};
     use crate::paper::arm::{Fork, Step};
     use crate::paper::rounds::Offered;
     use holdpoint_body::TaskKind;
@@ -405,6 +405,7 @@ mod tests {
             restricted: false,
             fate,
             effort: Effort::default(),
+            afterwards: Afterwards::default(),
         };
         let (family, kind) = (Family::from(TaskKind::Grasp), "k".to_owned());
         ScreenRow {

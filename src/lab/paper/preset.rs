@@ -34,6 +34,10 @@ pub struct Size {
     pub judged_by: u64,
     /// The most candidates of a pool that are taken through the stages.
     pub candidates: usize,
+    /// Seeds whose pools go through the stages under each profile.
+    pub pools: u64,
+    /// Seeds of those whose pools go through with parts left out, too.
+    pub ablated: u64,
 }
 
 impl Size {
@@ -53,16 +57,25 @@ impl Preset {
             rounds: 5,
             sequences: 50,
             judged_by: 200,
-            candidates: 48,
+            candidates: usize::MAX,
+            pools: 9,
+            ablated: 3,
         };
         match self {
-            Self::Smoke => {
-                Size { first_seed: 1_000, seeds: 1, rounds: 1, sequences: 10, judged_by: 0, candidates: 2 }
-            }
-            Self::PaperFig4 => Size { seeds: 5, ..whole },
+            Self::Smoke => Size {
+                first_seed: 1_000,
+                seeds: 1,
+                rounds: 1,
+                sequences: 10,
+                judged_by: 0,
+                candidates: 2,
+                pools: 1,
+                ablated: 1,
+            },
+            Self::PaperFig4 => Size { seeds: 5, pools: 5, ..whole },
             Self::PaperE2 => whole,
-            Self::Protocol => Size { seeds: 5, rounds: 8, ..whole },
-            Self::Claims => Size { seeds: 40, ..whole },
+            Self::Protocol => Size { seeds: 5, rounds: 8, pools: 5, ..whole },
+            Self::Claims => Size { seeds: 40, pools: 40, ablated: 40, ..whole },
         }
     }
 }

@@ -72,6 +72,10 @@ pub struct Curves {
 pub struct Detections {
     pub sandbox: u32,
     pub shadow_only: u32,
+    /// By category: retry instability, policy-sensitive drift, timeout or stall, recovery degradation, live-context
+    /// divergence.
+    pub sandbox_by: [u32; 5],
+    pub shadow_only_by: [u32; 5],
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -138,6 +142,8 @@ mod tests {
         assert!((t10.naive[3] - printed.t7.success[1][0]).abs() < 1e-9 && t10.naive[4].is_nan());
         assert!((printed.f4.success_naive[5] - printed.t7.success[1][0]).abs() < 1e-9);
         let shadow = f64::from(printed.f5.shadow_only);
+        assert_eq!(printed.f5.sandbox_by.iter().sum::<u32>(), printed.f5.sandbox);
+        assert_eq!(printed.f5.shadow_only_by.iter().sum::<u32>(), printed.f5.shadow_only);
         assert!((shadow / (shadow + f64::from(printed.f5.sandbox)) - 0.4).abs() < 1e-9);
         // BADR and what is accepted make 75 in every row of the pipeline (readings 2.4).
         for row in [t10.full, t10.no_shadow, t10.no_recovery_compat, t10.no_sandbox, t10.compat_only] {

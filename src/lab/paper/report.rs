@@ -1,6 +1,7 @@
 //! The report: one page of Markdown with its plots beside it, the same as one HTML page that needs nothing else, the raw
 //! rows and every test as CSV.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
@@ -8,7 +9,7 @@ use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
 use super::figures::Comparison;
 use super::printed::Printed;
 use super::run::Plan;
-use super::screen::ScreenRow;
+use super::screen::{ScreenRow, Variant};
 use super::sections::{self, Section};
 use super::table::escaped;
 use super::{RoundRow, csv};
@@ -65,16 +66,17 @@ pub fn write(
     let out = plan.out.as_path();
     std::fs::create_dir_all(out).map_err(ExperimentError::file(out))?;
     let printed = Printed::builtin()?;
+    let ablated = of_ablated_seeds(pools);
     let mut all = vec![
         sections::screening(pools, &printed)?,
         sections::deployment(rounds, &printed)?,
-        sections::shadow(pools, &printed)?,
+        sections::shadow(&ablated, &printed)?,
     ];
     all.extend(more);
     all.push(sections::profiles(pools, &printed)?);
-    all.push(sections::sensitivity(pools, &printed)?);
-    all.push(sections::ablation(rounds, pools, &printed)?);
-    all.push(sections::meta_faults(pools)?);
+    all.push(sections::sensitivity(&ablated, &printed)?);
+    all.push(sections::ablation(rounds, &ablated, &printed)?);
+    all.push(sections::meta_faults(&ablated)?);
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
     let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());
@@ -94,6 +96,14 @@ pub fn write(
     let mut lines: Vec<String> = all.iter().flat_map(|section| section.lines.clone()).collect();
     lines.push(format!("report.md, report.html and the raw rows are in {}", shown(out)));
     Ok(lines)
+}
+
+/// The rows of the seeds whose pools were worked with parts left out, too: what is held against a variant is held over the
+/// same candidates.
+fn of_ablated_seeds(pools: &[ScreenRow]) -> Vec<ScreenRow> {
+    let left_out = pools.iter().filter(|row| row.variant != Variant::Full);
+    let seeds: BTreeSet<u64> = left_out.map(|row| row.seed).collect();
+    pools.iter().filter(|row| seeds.contains(&row.seed)).cloned().collect()
 }
 
 /// Writes one section as a page of its own. Gives back its lines.
@@ -120,10 +130,11 @@ fn first_page(plan: &Plan, rounds: &[RoundRow], pools: &[ScreenRow], all: &[Sect
     let (first, last) = (size.first_seed, size.first_seed + size.seeds.max(1) - 1);
     let mut lines = vec![format!(
         "Asked: what the paper's evaluation asks, on our own cell. Preset {}: seeds {first} to {last} ({} of {of} for the \
-         rounds, {} of {of} for the pools), {} rounds, {} held-out sequences a round; {} rows of rounds, {} of pools.",
+         rounds, {} of {of} for the pools, {} of {of} for what is left out), {} rounds, {} held-out sequences a round; {} rows of rounds, {} of pools.",
         plan.preset,
         if rounds.is_empty() { 0 } else { size.seeds },
-        if pools.is_empty() { 0 } else { plan.pools },
+        if pools.is_empty() { 0 } else { size.pools },
+        if pools.iter().all(|row| row.variant == Variant::Full) { 0 } else { size.ablated },
         size.rounds,
         size.sequences,
         rounds.len(),

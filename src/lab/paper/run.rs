@@ -71,8 +71,6 @@ pub struct Plan {
     pub part: Part,
     pub preset: Preset,
     pub size: Size,
-    /// Seeds whose pools are taken through the stages.
-    pub pools: u64,
     pub out: PathBuf,
 }
 
@@ -81,7 +79,7 @@ impl Plan {
     fn drifts(&self, ground: &Ground) -> Option<DriftOptions> {
         let smoke = self.preset == Preset::Smoke;
         matches!(self.part, Part::E4 | Part::All).then(|| DriftOptions {
-            runs: self.pools,
+            runs: self.size.pools,
             seed: self.size.first_seed,
             jobs: ground.jobs,
             out: self.out.join("drift"),
@@ -118,9 +116,11 @@ pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, Exp
     }
     let of_rounds: Vec<RoundRow> =
         if plan.part.has_rounds() { rounds(ground, plan.size, &plan.part.arms(), tell)? } else { Vec::new() };
-    let seeds: Vec<u64> =
-        plan.size.run_seeds().take(usize::try_from(plan.pools).unwrap_or(usize::MAX)).collect();
-    let of_pools: Vec<ScreenRow> = screen(ground, &seeds, plan.size.candidates, &plan.part.ways(), tell)?;
+    let (pools, ablated) = (seeds_of(plan.size, plan.size.pools), seeds_of(plan.size, plan.size.ablated));
+    let (whole, left_out): (Vec<_>, Vec<_>) =
+        plan.part.ways().into_iter().partition(|(_, variant)| *variant == Variant::Full);
+    let mut of_pools: Vec<ScreenRow> = screen(ground, &pools, plan.size.candidates, &whole, tell)?;
+    of_pools.extend(screen(ground, &ablated, plan.size.candidates, &left_out, tell)?);
     let drifts = plan.drifts(ground);
     if ground.shard.1 > 1 {
         let (part, of) = ground.shard;
@@ -132,4 +132,9 @@ pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, Exp
         more.push(sections::rollback(&drift::run(&options, tell)?, &Printed::builtin()?)?);
     }
     Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, more)? })
+}
+
+/// The first run seeds, so many.
+fn seeds_of(size: Size, count: u64) -> Vec<u64> {
+    size.run_seeds().take(usize::try_from(count).unwrap_or(usize::MAX)).collect()
 }

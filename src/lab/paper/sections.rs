@@ -3,10 +3,10 @@
 mod ablation;
 mod meta;
 mod positioning;
+mod profiles;
 mod rollback;
 mod sensitivity;
-
-use std::collections::BTreeMap;
+mod shadow;
 
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::lifecycle::Stage;
@@ -17,8 +17,10 @@ use holdpoint_governance::stats::normal_quantile;
 pub use self::ablation::ablation;
 pub use self::meta::meta_faults;
 pub use self::positioning::positioning;
+pub use self::profiles::profiles;
 pub use self::rollback::rollback;
 pub use self::sensitivity::sensitivity;
+pub use self::shadow::shadow;
 use super::figures::{
     ANOMALY, Comparison, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, Measure, NEAR, SUCCESS, VIOLATION, benign_refused,
     by_seed, compare, faulty_activated, is_faulty, last_round, spread, unsafe_activations, way,
@@ -28,7 +30,7 @@ use super::printed::Printed;
 use super::screen::{ScreenRow, Variant};
 use super::table::Table;
 use super::{Arm, RoundRow};
-use crate::experiment::{ExperimentError, drift};
+use crate::experiment::ExperimentError;
 use crate::pool::Class;
 
 /// A part of the report.
@@ -429,134 +431,4 @@ fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
         ("unsafe-activations".to_owned(), unsafe_so_far.svg()),
         of("damage", &six, DAMAGE, "Held-out sequences with damage, by the referee", percent),
     ])
-}
-
-/// E3: what shadow finds that the sandbox does not.
-///
-/// # Errors
-/// If no interval exists for a count.
-pub fn shadow(rows: &[ScreenRow], printed: &Printed) -> Result<Section, ExperimentError> {
-    let whole: BTreeMap<(u64, &str), &ScreenRow> =
-        way(rows, ProfileName::Sim, Variant::Full).map(|row| ((row.seed, row.name.as_str()), row)).collect();
-    let alone: Vec<&ScreenRow> = way(rows, ProfileName::Sim, Variant::ShadowAlone).collect();
-    if whole.is_empty() || alone.is_empty() {
-        return Ok(Section::default());
-    }
-    let mut table = Table::new(
-        "Faults that measuring finds, by class",
-        &["class", "candidates", "sandbox", "shadow alone", "both", "shadow only", "neither"],
-        "Sandbox: rejected or held there in the whole way. Shadow alone: rejected or held at shadow or the gate where \
-         validation and sandbox are left out, so that every candidate reaches it. Faults that validation stops are not \
-         counted: they never reach the sandbox.",
-    );
-    let mut total = [0_u64; 4];
-    for (name, class, dimension) in [
-        ("behaviour", Class::Faulty, Some(Dimension::Behavior)),
-        ("recovery", Class::Faulty, Some(Dimension::Recovery)),
-        ("marginal", Class::Marginal, None),
-        ("benign", Class::Benign, None),
-    ] {
-        let of = alone.iter().filter(|row| {
-            row.class == class && dimension.is_none_or(|dimension| row.dimension == Some(dimension))
-        });
-        let mut counts = [0_u64; 4];
-        for row in of {
-            let Some(full) = whole.get(&(row.seed, row.name.as_str())) else { continue };
-            let sandbox = full.end.fate == Fate::Blocked { stage: Stage::Sandbox };
-            let shadow = matches!(row.end.fate, Fate::Blocked { .. });
-            counts[usize::from(sandbox) + 2 * usize::from(shadow)] += 1;
-        }
-        let [neither, sandbox, shadow_only, both] = counts;
-        if class != Class::Benign {
-            for (sum, count) in total.iter_mut().zip(counts) {
-                *sum += count;
-            }
-        }
-        let cells = [
-            sandbox + both + shadow_only + neither,
-            sandbox + both,
-            shadow_only + both,
-            both,
-            shadow_only,
-            neither,
-        ];
-        table.row(std::iter::once(name.to_owned()).chain(cells.map(|count| count.to_string())));
-    }
-    let [_, sandbox, shadow_only, both] = total;
-    let share = drift::counted(shadow_only, sandbox + shadow_only + both)?;
-    let f5 = &printed.f5;
-    let paper = 100.0 * f64::from(f5.shadow_only) / f64::from(f5.shadow_only + f5.sandbox);
-    let line =
-        format!("E3: found by shadow and not by the sandbox {} (paper: {paper:.0} %)", counted(&share));
-    Ok(Section {
-        title: "E3: shadow".to_owned(),
-        text: vec![format!(
-            "Of the faults that either finds, shadow alone finds {}. The paper counts {paper:.0} %, by a unit \
-                     of its own (candidate and category; readings X10, X34).",
-            counted(&share)
-        )],
-        tables: vec![table],
-        plots: Vec::new(),
-        lines: vec![line],
-    })
-}
-
-/// E5: the same pool under the three profiles.
-///
-/// # Errors
-/// If no interval exists for a count.
-pub fn profiles(rows: &[ScreenRow], printed: &Printed) -> Result<Section, ExperimentError> {
-    let names = [ProfileName::Sim, ProfileName::Real, ProfileName::Human];
-    if names.iter().any(|profile| way(rows, *profile, Variant::Full).next().is_none()) {
-        return Ok(Section::default());
-    }
-    let mut table = Table::new(
-        "The same candidates under three profiles",
-        &[
-            "profile",
-            "faulty stopped before activation",
-            "or taken off again",
-            "benign rejected",
-            "benign not active in the end",
-            "paper: BADR",
-            "false reject rate",
-        ],
-        "In the profile human, people who are asked always agree: what is stopped, the rules stop. The paper's text calls \
-         the false rejections a false-accept rate (readings X1).",
-    );
-    let mut refused = Vec::new();
-    for (place, profile) in names.into_iter().enumerate() {
-        let faulty = || way(rows, profile, Variant::Full).filter(|row| is_faulty(row.class));
-        let benign = || way(rows, profile, Variant::Full).filter(|row| row.class == Class::Benign);
-        let before = |row: &ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
-        let frr = Proportion::of(benign().map(before))?;
-        refused.push(frr);
-        let of = |list: &[f64; 3]| list.get(place).map_or_else(String::new, |value| format!("{value:.1} %"));
-        table.row([
-            profile.to_string(),
-            counted(&Proportion::of(faulty().map(before))?),
-            counted(&Proportion::of(faulty().map(|row| row.end.fate != Fate::Kept))?),
-            counted(&frr),
-            counted(&Proportion::of(benign().map(|row| row.end.fate != Fate::Kept))?),
-            of(&printed.t9.badr),
-            of(&printed.t9.false_reject_rate),
-        ]);
-    }
-    let monotone = refused.windows(2).all(|two| two[0].share() <= two[1].share());
-    let enough = refused.iter().all(|one| one.total >= 150);
-    let verdict = match (monotone, enough) {
-        (true, true) => "held",
-        (true, false) => "held as far as seen; fewer than 150 benign candidates do not show it",
-        (false, _) => "not held",
-    };
-    let said: Vec<String> = refused.iter().map(counted).collect();
-    let line =
-        format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", said.join("; "));
-    Ok(Section {
-        title: "E5: profiles".to_owned(),
-        text: vec![line.clone()],
-        tables: vec![table],
-        plots: Vec::new(),
-        lines: vec![line],
-    })
 }

@@ -20,12 +20,12 @@ pub struct Upgrade {
     pub planted: TruthEntry,
 }
 
-/// Every candidate of a seed's pool: six benign ones, eight faulty and two marginal ones a family.
+/// Every candidate of a seed's pool: six benign ones, fifteen faulty and two marginal ones a family.
 ///
 /// # Errors
 /// If the pool cannot be drawn.
 pub fn pool_of(seed: u64) -> Result<Vec<Upgrade>, ExperimentError> {
-    let order = Order { seed: PAPER_FROM + seed, sets: 1, preset: pool::Preset::Full10 };
+    let order = Order { seed: PAPER_FROM + seed, sets: 1, preset: pool::Preset::AppendixC };
     let DrawnPool { index, packages, truth } = draw(order)?;
     let truth: PoolTruth = serde_json::from_slice(&truth)?;
     let mut upgrades = Vec::new();
@@ -85,9 +85,9 @@ mod tests {
     }
 
     #[test]
-    fn a_pool_is_the_papers_with_overt_faults_of_recovery_beside() {
+    fn a_pool_is_the_papers_with_the_rest_of_its_appendix_c_beside() {
         let pool = pool_of(1_000).unwrap();
         let of = |class| pool.iter().filter(|one| one.planted.class == class).count();
-        assert_eq!((of(Class::Benign), of(Class::Faulty), of(Class::Marginal)), (18, 24, 6));
+        assert_eq!((of(Class::Benign), of(Class::Faulty), of(Class::Marginal)), (18, 45, 6));
     }
 }

@@ -11,6 +11,7 @@ use toml::{Table, Value};
 
 use super::draft::Draft;
 use super::kind::{CandidateKind, Preset};
+use super::listed::Listed;
 use super::mutant;
 use super::ranges::{Makes, Recipe, recipes};
 use super::structure::{INTERFACE, Mechanism, PERMISSION};
@@ -180,7 +181,10 @@ fn draw_set(
     shuffle(&mut interface, &mut stream);
     shuffle(&mut permission, &mut stream);
     // One order of the ways a set: two candidates of a kind are made in different ones.
-    let mut ordered: Vec<&Recipe> = recipes.iter().filter(|r| r.family.as_str() == family).collect();
+    let (listed, mut ordered): (Vec<&Recipe>, Vec<&Recipe>) = recipes
+        .iter()
+        .filter(|recipe| recipe.family.as_str() == family)
+        .partition(|recipe| recipe.makes == Makes::Listed);
     shuffle(&mut ordered, &mut stream);
     ordered.sort_by_key(|recipe| !recipe.first);
     let ways = |makes: Makes| -> Vec<&Recipe> {
@@ -215,6 +219,7 @@ fn draw_set(
             | CandidateKind::MarginalRecovery => {
                 by_recipe(&ways(Makes::of(kind)), 0, kind, &mut draft, &mut stream)
             }
+            CandidateKind::Listed(kind) => by_list(kind, &listed, &mut draft, &mut stream),
             CandidateKind::Mutant => {
                 mutant::damage(&mut draft, baseline, &mut stream)?;
                 Some("mutant".to_owned())
@@ -263,10 +268,21 @@ fn by_recipe(
         CandidateKind::Recovery(_) => "recovery",
         CandidateKind::MarginalBehavior => "marginal-behavior",
         CandidateKind::MarginalRecovery => "marginal-recovery",
+        CandidateKind::Listed(listed) => listed.name(),
         CandidateKind::Mutant => "mutant",
     };
     let named = !recipe.mechanism.is_empty() && kind.class() == super::Class::Faulty;
     Some(if named { format!("{word}-{}", recipe.mechanism) } else { word.to_owned() })
+}
+
+/// A kind of appendix C: by its recipe, if parameters make it, and by what stands in the manifest.
+fn by_list(listed: Listed, recipes: &[&Recipe], draft: &mut Draft, stream: &mut Stream) -> Option<String> {
+    if listed.has_recipe() {
+        let named = |recipe: &&&Recipe| recipe.mechanism == listed.name();
+        apply(recipes.iter().find(named)?, draft, stream);
+    }
+    listed.write(draft, stream);
+    Some(listed.name().to_owned())
 }
 
 /// Writes a recipe into a draft; every draw is made, in the table's order.

@@ -2,6 +2,7 @@
 //!
 //! Owns the closed list. How a kind is made stands in `benign`, `structure`, `faulty` and `marginal`.
 
+use super::listed::Listed;
 use super::truth::Class;
 use holdpoint_governance::decision::Dimension;
 
@@ -32,6 +33,8 @@ pub enum CandidateKind {
     MarginalBehavior,
     /// A recovery that fails sometimes.
     MarginalRecovery,
+    /// A kind of appendix C that no other of these is.
+    Listed(Listed),
     /// Damaged blindly.
     Mutant,
 }
@@ -47,7 +50,11 @@ impl CandidateKind {
             | Self::Efficiency
             | Self::Robust
             | Self::Stable => Class::Benign,
-            Self::Interface(_) | Self::Permission(_) | Self::Behavior(_) | Self::Recovery(_) => Class::Faulty,
+            Self::Interface(_)
+            | Self::Permission(_)
+            | Self::Behavior(_)
+            | Self::Recovery(_)
+            | Self::Listed(_) => Class::Faulty,
             Self::MarginalBehavior | Self::MarginalRecovery => Class::Marginal,
             Self::Mutant => Class::Blind,
         }
@@ -68,6 +75,7 @@ impl CandidateKind {
             Self::Permission(_) => Some(Dimension::Policy),
             Self::Behavior(_) | Self::MarginalBehavior => Some(Dimension::Behavior),
             Self::Recovery(_) | Self::MarginalRecovery => Some(Dimension::Recovery),
+            Self::Listed(listed) => Some(listed.dimension()),
         }
     }
 }
@@ -79,6 +87,8 @@ holdpoint_governance::words! {
         Full10 = "full-10",
         /// The paper's eight faulty ones alone: I I P P B B M1 M2.
         Paper8 = "paper-8",
+        /// The sixteen of `full-10` and every kind of appendix C that they leave out: 23 a family.
+        AppendixC = "appendix-c",
         /// One blindly damaged version: as many mutants a family as there are sets.
         Mutants = "mutants",
     }
@@ -109,6 +119,10 @@ impl Preset {
         match self {
             Self::Full10 => [benign.as_slice(), &pairs, &recovery, &marginal].concat(),
             Self::Paper8 => [pairs.as_slice(), &marginal].concat(),
+            Self::AppendixC => {
+                let listed = Listed::ALL.map(CandidateKind::Listed);
+                [Self::Full10.kinds().as_slice(), &listed].concat()
+            }
             Self::Mutants => vec![CandidateKind::Mutant],
         }
     }

@@ -41,6 +41,8 @@ pub enum Makes {
     MarginalBehavior,
     /// See [`CandidateKind::MarginalRecovery`].
     MarginalRecovery,
+    /// See [`CandidateKind::Listed`]; the mechanism says which.
+    Listed,
 }
 
 impl Makes {
@@ -59,6 +61,7 @@ impl Makes {
             CandidateKind::Recovery(_) => Self::Recovery,
             CandidateKind::MarginalBehavior => Self::MarginalBehavior,
             CandidateKind::MarginalRecovery => Self::MarginalRecovery,
+            CandidateKind::Listed(_) => Self::Listed,
             // No recipe makes one.
             CandidateKind::Mutant => Self::Plain,
         }

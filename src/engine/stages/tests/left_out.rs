@@ -43,6 +43,10 @@ fn only_a_script_may_leave_something_out() {
     assert!(matches!(refused, StartError::LeftOut(_)), "{refused}");
     assert!(refused.to_string().contains("in a script alone"), "{refused}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing was written");
+    let both = Experiment { omitted: Omitted::of(&[Part::Sandbox, Part::Shadow]), first: Vec::new() };
+    let refused = Engine::start_experiment(config(folder.path(), true), both).err().unwrap();
+    assert!(refused.to_string().contains("cannot both be left out"), "{refused}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing was written");
     // Nothing left out is an engine like any other.
     drop(Engine::start_experiment(config(folder.path(), false), Experiment::default()).unwrap());
 }
