@@ -47,6 +47,8 @@ pub enum Which {
     E1(PaperArgs),
     /// The paper's rounds of upgrades, by arms that decide about them.
     E2(PaperArgs),
+    /// The paper's shadow: what it finds that the sandbox does not, and what it spares.
+    E3(PaperArgs),
     /// The paper's rollback under drift, beside its table 8.
     E4(PaperArgs),
     /// The paper's profiles: the same pool under sim, real and human.
@@ -105,6 +107,7 @@ pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError
         Which::PerCandidate(args) => per_candidate::run(args, out),
         Which::E1(args) => paper::run(args, Part::E1, out),
         Which::E2(args) => paper::run(args, Part::E2, out),
+        Which::E3(args) => paper::run(args, Part::E3, out),
         Which::E4(args) => paper::run(args, Part::E4, out),
         Which::E5(args) => paper::run(args, Part::E5, out),
         Which::Sensitivity(args) => paper::run(args, Part::Sensitivity, out),

@@ -1,4 +1,4 @@
-//! `holdpoint experiment e1|e2|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
+//! `holdpoint experiment e1|e2|e3|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
 //!
 //! Prints what [`holdpoint_lab::paper`] measured; must not measure or judge anything itself.
 
@@ -64,6 +64,9 @@ pub struct PaperArgs {
     /// Of those, seeds whose pools go through with parts of the way left out, too [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
     pub ablated: Option<u64>,
+    /// Runs of the drift experiment [default: the preset's].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
+    pub drifts: Option<u64>,
     /// Pieces of work at once [default: the number of cores].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
@@ -100,6 +103,7 @@ pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, C
     let ground = Ground::new(cells, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
     size.pools = args.pools.unwrap_or(size.pools).min(size.seeds);
     size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
+    size.drifts = args.drifts.unwrap_or(size.drifts).min(size.seeds);
     let plan = Plan { part, preset, size, out: args.out.clone() };
     // Progress is for whoever waits; losing it loses nothing.
     let tell = |line: &str| {

@@ -6,6 +6,8 @@
 //! says of a version, is read after every decision.
 
 pub mod arm;
+#[cfg(feature = "parquet")]
+pub mod columns;
 pub mod csv;
 pub mod figures;
 pub mod held_out;

@@ -25,7 +25,7 @@ use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::own_profile::{ChosenProfile, ProfileTexts};
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile::{Profile, ProfileName, ThresholdPreset};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
@@ -66,6 +66,10 @@ pub enum Thresholds {
     Higher,
     /// Half of what they are: the least that a profile may say.
     Halved,
+    /// The other published reading, with .88 for `kappa_B` (readings 2.3), as it is, a tenth lower and a tenth higher.
+    B88,
+    B88Lower,
+    B88Higher,
 }
 
 impl Thresholds {
@@ -76,18 +80,20 @@ impl Thresholds {
     pub fn of(self, profile: ProfileName) -> Result<ChosenProfile, ExperimentError> {
         let scale = match self {
             Self::AsTheyAre => return Ok(profile.into()),
-            Self::Lower => "scale = 0.9",
-            Self::Higher => "scale = 1.1",
+            Self::Lower | Self::B88Lower => "scale = 0.9",
+            Self::Higher | Self::B88Higher => "scale = 1.1",
             Self::Halved => "scale = 0.5",
+            Self::B88 => "scale = 1.0",
         };
+        let is_other = matches!(self, Self::B88 | Self::B88Lower | Self::B88Higher);
+        let preset = if is_other { "paper-b88" } else { "paper" };
         let ((file, text), (policy_file, policy)) =
             (Profile::builtin_text(profile), Profile::builtin_policy(profile));
         let named = format!("name = \"{profile}\"");
-        let own = text.replacen("scale = 1.0", scale, 1).replacen(
-            &named,
-            &format!("{named}\nsite = \"scaled\""),
-            1,
-        );
+        let own = text
+            .replacen("scale = 1.0", scale, 1)
+            .replacen("preset = \"paper\"", &format!("preset = \"{preset}\""), 1)
+            .replacen(&named, &format!("{named}\nsite = \"scaled\""), 1);
         let texts = ProfileTexts {
             file: file.to_owned(),
             profile: own,
@@ -96,9 +102,12 @@ impl Thresholds {
         };
         let chosen =
             ChosenProfile::of(texts).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        let found = chosen.rules().map(|(profile, _)| profile.thresholds.scale);
-        if found.is_ok_and(|found| (found - 1.0).abs() < 1e-9) {
-            return Err(ExperimentError::Unexpected(format!("{file} has no scale of 1.0 to change")));
+        let found = chosen.rules().map(|(profile, _)| (profile.thresholds.preset, profile.thresholds.scale));
+        let is_as_it_was = |(found, scale): (ThresholdPreset, f64)| {
+            found == ThresholdPreset::Paper && (scale - 1.0).abs() < 1e-9
+        };
+        if found.is_ok_and(is_as_it_was) {
+            return Err(ExperimentError::Unexpected(format!("{file} has no thresholds to change")));
         }
         Ok(chosen)
     }

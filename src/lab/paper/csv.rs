@@ -26,6 +26,22 @@ fn field(text: &str) -> String {
     if clean.contains(',') { format!("\"{clean}\"") } else { clean }
 }
 
+/// The fields of a line that this module wrote.
+#[cfg(feature = "parquet")]
+#[must_use]
+pub fn fields(line: &str) -> Vec<String> {
+    let mut found = vec![String::new()];
+    let mut quoted = false;
+    for c in line.chars() {
+        match c {
+            '"' => quoted = !quoted,
+            ',' if !quoted => found.push(String::new()),
+            c => found.last_mut().into_iter().for_each(|field| field.push(c)),
+        }
+    }
+    found
+}
+
 /// The rounds, a row an arm and round.
 #[must_use]
 pub fn rounds(rows: &[RoundRow]) -> String {

@@ -38,6 +38,8 @@ pub struct Size {
     pub pools: u64,
     /// Seeds of those whose pools go through with parts left out, too.
     pub ablated: u64,
+    /// Independent runs of the drift experiment.
+    pub drifts: u64,
 }
 
 impl Size {
@@ -60,6 +62,7 @@ impl Preset {
             candidates: usize::MAX,
             pools: 9,
             ablated: 3,
+            drifts: 6,
         };
         match self {
             Self::Smoke => Size {
@@ -71,11 +74,12 @@ impl Preset {
                 candidates: 2,
                 pools: 1,
                 ablated: 1,
+                drifts: 1,
             },
             Self::PaperFig4 => Size { seeds: 5, pools: 5, ..whole },
             Self::PaperE2 => whole,
             Self::Protocol => Size { seeds: 5, rounds: 8, pools: 5, ..whole },
-            Self::Claims => Size { seeds: 40, pools: 40, ablated: 40, ..whole },
+            Self::Claims => Size { seeds: 40, pools: 40, ablated: 40, drifts: 40, ..whole },
         }
     }
 }

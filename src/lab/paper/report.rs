@@ -80,12 +80,13 @@ pub fn write(
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
     let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());
+    let rows = |name: &str, text: &str| raw_rows(out, name, text);
     if !rounds.is_empty() {
-        put("rounds.csv", &csv::rounds(rounds))?;
+        rows("rounds", &csv::rounds(rounds))?;
         put("tests.csv", &tests(&sections::deployment_tests(rounds)?))?;
     }
     if !pools.is_empty() {
-        put("pools.csv", &csv::pools(pools))?;
+        rows("pools", &csv::pools(pools))?;
     }
     for (name, svg) in all.iter().flat_map(|section| &section.plots) {
         put(&format!("{name}.svg"), svg)?;
@@ -104,6 +105,15 @@ fn of_ablated_seeds(pools: &[ScreenRow]) -> Vec<ScreenRow> {
     let left_out = pools.iter().filter(|row| row.variant != Variant::Full);
     let seeds: BTreeSet<u64> = left_out.map(|row| row.seed).collect();
     pools.iter().filter(|row| seeds.contains(&row.seed)).cloned().collect()
+}
+
+/// Writes raw rows as CSV; with the feature `parquet` as that, too.
+fn raw_rows(out: &Path, name: &str, text: &str) -> Result<(), ExperimentError> {
+    write_whole(&out.join(format!("{name}.csv")), text.as_bytes())?;
+    #[cfg(feature = "parquet")]
+    super::columns::write(&out.join(format!("{name}.parquet")), text)
+        .map_err(|error| ExperimentError::Unexpected(format!("{name}.parquet cannot be written: {error}")))?;
+    Ok(())
 }
 
 /// Writes one section as a page of its own. Gives back its lines.

@@ -17,6 +17,8 @@ use crate::experiment::{ExperimentError, Tell};
 pub enum Part {
     E1,
     E2,
+    /// What shadow finds that the sandbox does not.
+    E3,
     E4,
     E5,
     /// The thresholds a tenth lower and a tenth higher.
@@ -37,9 +39,13 @@ impl Part {
     fn arms(self) -> Vec<Arm> {
         use Arm::{Canary, Governed, Naive, OfflineOnly, Static, SuccessGate};
         match self {
-            Self::E1 | Self::E4 | Self::E5 | Self::Sensitivity | Self::MetaFaults | Self::Overhead => {
-                Vec::new()
-            }
+            Self::E1
+            | Self::E3
+            | Self::E4
+            | Self::E5
+            | Self::Sensitivity
+            | Self::MetaFaults
+            | Self::Overhead => Vec::new(),
             Self::E2 => vec![Static, Naive, SuccessGate, Canary, OfflineOnly, Governed],
             Self::Ablation | Self::All => Arm::ALL.to_vec(),
         }
@@ -52,10 +58,13 @@ impl Part {
         let without = [Variant::NoSandbox, Variant::NoShadow, Variant::NoRecovery, Variant::ShadowAlone];
         let ablation = without.map(|variant| (Sim, variant)).to_vec();
         let meta = vec![(Sim, Variant::NoValidation), (Sim, Variant::Halved)];
-        let scaled = vec![(Sim, Variant::Relaxed), (Sim, Variant::Strict)];
+        let scaled =
+            [Variant::Relaxed, Variant::Strict, Variant::B88, Variant::B88Relaxed, Variant::B88Strict];
+        let scaled = scaled.map(|variant| (Sim, variant)).to_vec();
         match self {
             Self::E1 => e1,
             Self::E2 | Self::E4 | Self::Overhead => Vec::new(),
+            Self::E3 => [e1, vec![(Sim, Variant::ShadowAlone), (Sim, Variant::NoShadow)]].concat(),
             Self::Sensitivity => [e1, scaled].concat(),
             Self::E5 => e5,
             Self::MetaFaults => [e1, vec![(Sim, Variant::NoShadow)], meta].concat(),
@@ -79,7 +88,7 @@ impl Plan {
     fn drifts(&self, ground: &Ground) -> Option<DriftOptions> {
         let smoke = self.preset == Preset::Smoke;
         matches!(self.part, Part::E4 | Part::All).then(|| DriftOptions {
-            runs: self.size.pools,
+            runs: self.size.drifts,
             seed: self.size.first_seed,
             jobs: ground.jobs,
             out: self.out.join("drift"),

@@ -42,13 +42,23 @@ holdpoint_governance::words! {
         Relaxed = "thresholds-90",
         /// Nothing; the thresholds are a tenth higher, and at most 1.
         Strict = "thresholds-110",
+        /// Nothing; the threshold of `kappa_B` is .88, and with it a tenth lower and a tenth higher.
+        B88 = "kappa-b-88",
+        B88Relaxed = "kappa-b-88-thresholds-90",
+        B88Strict = "kappa-b-88-thresholds-110",
     }
 }
 
 impl Variant {
     const fn parts(self) -> &'static [Part] {
         match self {
-            Self::Full | Self::Halved | Self::Relaxed | Self::Strict => &[],
+            Self::Full
+            | Self::Halved
+            | Self::Relaxed
+            | Self::Strict
+            | Self::B88
+            | Self::B88Relaxed
+            | Self::B88Strict => &[],
             Self::NoValidation => &[Part::Validation],
             Self::NoSandbox => &[Part::Sandbox],
             Self::NoShadow => &[Part::Shadow],
@@ -62,6 +72,9 @@ impl Variant {
             Self::Relaxed => Thresholds::Lower,
             Self::Strict => Thresholds::Higher,
             Self::Halved => Thresholds::Halved,
+            Self::B88 => Thresholds::B88,
+            Self::B88Relaxed => Thresholds::B88Lower,
+            Self::B88Strict => Thresholds::B88Higher,
             _ => Thresholds::AsTheyAre,
         }
     }
@@ -70,9 +83,17 @@ impl Variant {
     const fn is_same(self, fate: Fate) -> bool {
         match (self, fate) {
             (Self::Full, _) => true,
-            (Self::ShadowAlone | Self::NoValidation | Self::Halved | Self::Relaxed | Self::Strict, _) => {
-                false
-            }
+            (
+                Self::ShadowAlone
+                | Self::NoValidation
+                | Self::Halved
+                | Self::Relaxed
+                | Self::Strict
+                | Self::B88
+                | Self::B88Relaxed
+                | Self::B88Strict,
+                _,
+            ) => false,
             (_, Fate::Blocked { stage: Stage::Validation })
             | (Self::NoShadow, Fate::Blocked { stage: Stage::Sandbox }) => true,
             (Self::NoSandbox | Self::NoShadow | Self::NoRecovery, _) => false,
