@@ -11,6 +11,8 @@ mod alone;
 #[path = "support/pty.rs"]
 #[allow(dead_code, reason = "the measurements use the rest")]
 mod pty;
+#[path = "console_pty/seats.rs"]
+mod seats;
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -62,40 +64,44 @@ fn assert_restored(console: &Console) {
     assert!(console.is_cooked(), "the terminal still reads key by key");
 }
 
+/// A store with two who may decide.
+fn staffed() -> Home {
+    let home = Home::new();
+    let words = words(&home);
+    for name in ["alice", "bob"] {
+        home.must(&["identity", "new", name, "--role", "engineer", "--passphrase-file", &words]);
+    }
+    home.must(&["identity", "passphrase", "admin", "--new-passphrase-file", &words]);
+    for name in ["alice", "bob"] {
+        let by = ["--by", "admin", "--reason", "known", "--passphrase-file", &words];
+        home.must(&[&["identity", "confirm", name][..], &by].concat());
+    }
+    home
+}
+
+/// Takes a candidate to where it waits for people.
+fn ask_about(home: &Home, folder: &str, version: &str) {
+    let script = home.path().join("wait.toml");
+    let steps = format!(
+        "profile = \"human\"\n\
+         [[step]]\nregister = {folder:?}\n\
+         [[step]]\nwait = {{ prompt = {version:?}, timeout_s = 20000 }}\n"
+    );
+    std::fs::write(&script, steps).unwrap();
+    let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).join("console-episodes");
+    std::fs::create_dir_all(&cache).unwrap();
+    let (script, cache) = (script.to_str().unwrap(), cache.to_str().unwrap());
+    let key = format!("{cache}.key");
+    let output = home.run(&["run", "--headless", "--script", script, "--cache", cache, "--cache-key", &key]);
+    assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
 /// A store in which a candidate waits for people, and two who may decide.
 fn waiting() -> &'static Path {
     static STORE: OnceLock<Home> = OnceLock::new();
     let home = STORE.get_or_init(|| {
-        let home = Home::new();
-        for name in ["alice", "bob"] {
-            let words = home.path().join("words");
-            std::fs::write(&words, PASSPHRASE).unwrap();
-            std::fs::set_permissions(&words, std::fs::Permissions::from_mode(0o600)).unwrap();
-            let words = words.to_str().unwrap();
-            home.must(&["identity", "new", name, "--role", "engineer", "--passphrase-file", words]);
-        }
-        let words = home.path().join("words");
-        let words = words.to_str().unwrap();
-        home.must(&["identity", "passphrase", "admin", "--new-passphrase-file", words]);
-        for name in ["alice", "bob"] {
-            let by = ["--by", "admin", "--reason", "known", "--passphrase-file", words];
-            home.must(&[&["identity", "confirm", name][..], &by].concat());
-        }
-        let script = home.path().join("wait.toml");
-        std::fs::write(
-            &script,
-            "profile = \"human\"\n\
-             [[step]]\nregister = \"manifests/candidates/align-improved\"\n\
-             [[step]]\nwait = { prompt = \"align@1.1.0\", timeout_s = 20000 }\n",
-        )
-        .unwrap();
-        let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).join("console-episodes");
-        std::fs::create_dir_all(&cache).unwrap();
-        let (script, cache) = (script.to_str().unwrap(), cache.to_str().unwrap());
-        let key = format!("{cache}.key");
-        let output =
-            home.run(&["run", "--headless", "--script", script, "--cache", cache, "--cache-key", &key]);
-        assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
+        let home = staffed();
+        ask_about(&home, "manifests/candidates/align-improved", "align@1.1.0");
         home
     });
     home.path()

@@ -12,13 +12,17 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_console::keymap::{self, Keymap};
+use holdpoint_console::model::EngineLink;
 use holdpoint_console::options::{self, Options, SettingsFile};
-use holdpoint_console::run::{Cause, Console, ConsoleError};
+use holdpoint_console::run::{Cause, Console, ConsoleError, EngineAt};
+use holdpoint_engine::door::Client;
 use holdpoint_engine::embedded;
-use holdpoint_engine::host::HostConfig;
+use holdpoint_engine::host::{Host, HostConfig};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::seat::Sitting;
+use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::Problem;
 
@@ -36,17 +40,21 @@ pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
 pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let options = Options::new(args.console.flags(), settings()?);
     let keymap = Arc::new(keymap()?);
-    let host = HostConfig {
-        data: context.data.clone(),
-        profile: args.engine.profile(&context.data)?,
-        seed: args.engine.seed(),
-        jobs: args.engine.spare_jobs(),
-        robot: args.engine.robot.clone(),
-        pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
-        sinks: args.scenes.options(true).sinks()?,
+    let layout = Layout::new(&context.data);
+    let engine = match at_work(&layout, args, &options)? {
+        Some(host) => EngineAt::Elsewhere(Box::new(host), EngineLink::Attached),
+        None => EngineAt::Here(HostConfig {
+            data: context.data.clone(),
+            profile: args.engine.profile(&context.data)?,
+            seed: args.engine.seed(),
+            jobs: args.engine.spare_jobs(),
+            robot: args.engine.robot.clone(),
+            pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
+            sinks: args.scenes.options(true).sinks()?,
+        }),
     };
     let console = Console {
-        host,
+        engine,
         view: args.scenes.view,
         options,
         keymap,
@@ -66,6 +74,26 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
         (Cause::Asked, false) if !left.came_up => Exit::Usage,
         (Cause::Asked, false) | (Cause::Told | Cause::Gone, _) => Exit::Held,
     })
+}
+
+/// The engine that is at work on the store already, with a seat at it; nothing if none is, or none that shows itself.
+///
+/// # Errors
+/// If the arguments are for the start of an engine: the one at work goes by its own.
+fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<Option<Host>, CliError> {
+    // One that is silent or of another version is told by the start of an own one, which fails for it.
+    let Ok(Some(client)) = Client::connect(layout) else { return Ok(None) };
+    let beginning = args.for_a_start();
+    if !beginning.is_empty() {
+        let problem = format!(
+            "an engine is at work on this store, and {} is for the start of one",
+            beginning.join(", ")
+        );
+        let hint = "leave it out to attach, or choose another store with `--data`";
+        return Err(CliError::usage(Problem::new(problem).with_hint(hint)));
+    }
+    let sitting = Sitting { read_only: options.read_only, ..Sitting::default() };
+    Ok(Host::attach(layout.clone(), client, sitting).ok())
 }
 
 /// The keys: the defaults and what the operator's file adds.

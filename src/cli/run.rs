@@ -65,6 +65,24 @@ pub struct RunArgs {
     pub console: ConsoleArgs,
 }
 
+#[cfg(feature = "console")]
+impl RunArgs {
+    /// The arguments given that mean something at the start of an engine alone.
+    #[must_use]
+    pub fn for_a_start(&self) -> Vec<&'static str> {
+        let given = [
+            ("--profile", self.engine.profile.is_some()),
+            ("--seed", self.engine.seed.is_some()),
+            ("--robot", self.engine.robot.is_some()),
+            ("--jobs", self.engine.jobs.is_some()),
+            ("--pace", self.pace.is_some()),
+            ("--view", self.scenes.view.is_some()),
+            ("--no-recording", self.scenes.no_recording),
+        ];
+        given.into_iter().filter_map(|(name, is_given)| is_given.then_some(name)).collect()
+    }
+}
+
 /// What an engine is started with, whoever its front end is.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct EngineArgs {

@@ -124,6 +124,8 @@ actions! {
     Copy = "copy", Everywhere, ["y"];
     /// Export this view as text and JSON
     Export = "export", Everywhere, ["ctrl-s"];
+    /// Leave the engine at work and end the console alone
+    Detach = "detach", Everywhere, [];
     /// Leave this view; from the overview, end the program
     Quit = "quit", Everywhere, ["q", "ctrl-c"];
     /// Refused: suspending would stop the monitors
@@ -285,6 +287,7 @@ impl Action {
             | Self::Mouse
             | Self::Copy
             | Self::Export
+            | Self::Detach
             | Self::Quit
             | Self::Suspend
             | Self::Up

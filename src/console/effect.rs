@@ -60,6 +60,8 @@ pub enum Effect {
     Bell,
     /// End the engine in an orderly way, then the program.
     End,
+    /// End the program alone: the engine works on.
+    Leave,
 }
 
 /// What can be asked without a confirmation: it reads, or is undone as easily.

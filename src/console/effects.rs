@@ -51,6 +51,7 @@ pub enum Outcome {
     /// Something to tell the reducer.
     Told(MsgKind),
     End,
+    Leave,
 }
 
 /// What an errand that took long came to.
@@ -141,6 +142,7 @@ impl Hands {
             }
             Effect::Bell => self.ring(place)?,
             Effect::End => Outcome::End,
+            Effect::Leave => Outcome::Leave,
         })
     }
 

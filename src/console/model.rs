@@ -13,12 +13,13 @@ use std::sync::Arc;
 pub use asking::{AskedFor, Asking, PendingRequest};
 pub use entry::{Overlay, Typed, Typing};
 pub use place::{Frozen, ItemKey, ListCursor, STORY_PANE, View, ViewState};
-pub use told::{Absence, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
+pub use told::{Absence, EngineLink, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 
 use super::keymap::Keymap;
 use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_protocol::seat::Sitting;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 
 /// How long an answer stays in the status line, ms.
@@ -89,6 +90,21 @@ impl Model {
             settings,
             keymap,
             themes,
+        }
+    }
+
+    /// What others at the engine are told of this console.
+    #[must_use]
+    pub fn sitting(&self) -> Sitting {
+        let reading = match &self.entry.overlay {
+            Some(Overlay::Prompt(prompt)) if !prompt.closed => Some(prompt.seen.version.clone()),
+            _ => None,
+        };
+        Sitting {
+            who: self.seat.operator.as_ref().map(|operator| operator.name.clone()),
+            view: self.place.view.title().to_owned(),
+            reading,
+            read_only: self.settings.read_only,
         }
     }
 

@@ -9,8 +9,9 @@ use super::line::EditLine;
 use super::operator::Operator;
 use super::secret::Signing;
 use holdpoint_governance::approval::Answer;
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::{CandidateView, PromptView, Purpose, Snapshot};
-use holdpoint_text::is_visible;
+use holdpoint_text::{Untrusted, is_visible};
 
 /// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
 pub const GUARD_MS: u64 = 700;
@@ -105,6 +106,8 @@ pub struct Prompt {
     pub stale: Option<Stale>,
     /// Whether the question is not there any more: neither an answer nor reading it again means anything.
     pub closed: bool,
+    /// Who answered last, in words; absent as long as nobody did since it was opened.
+    pub answered: Option<String>,
     /// Why the last key did nothing.
     pub refused: Option<Obstacle>,
     /// Lines scrolled down; the screen stops at the last.
@@ -206,6 +209,7 @@ impl Prompt {
             reason: EditLine::default(),
             stale: None,
             closed: false,
+            answered: None,
             refused: None,
             scroll: 0,
             signing: None,
@@ -233,6 +237,17 @@ impl Prompt {
         };
         let same = |now: &&PromptView| now.version == self.seen.version && now.purpose == self.seen.purpose;
         open.iter().find(same)
+    }
+
+    /// Somebody's answer to this question was taken, here or at another seat.
+    pub fn note_answer(&mut self, version: &CapabilityId, by: &str, answer: Answer) {
+        if *version == self.seen.version {
+            let did = match answer {
+                Answer::Approve => "promoted",
+                Answer::Reject => "rejected",
+            };
+            self.answered = Some(format!("{} {did} it", Untrusted::new(by.to_owned()).line()));
+        }
     }
 
     /// Holds what was read against how things stand. Once stale it stays so until it is read again.

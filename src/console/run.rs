@@ -23,18 +23,26 @@ use self::session::Session;
 use super::effects::ReadCandidate;
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
-use super::model::{ConsoleSettings, Model};
+use super::model::{ConsoleSettings, EngineLink, Model};
 use super::options::Options;
 use super::terminal::guard::RunningGuard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
-use holdpoint_engine::host::HostConfig;
+use holdpoint_engine::host::{Host, HostConfig};
 use holdpoint_text::Hint;
+
+/// The engine that a console is at.
+pub enum EngineAt {
+    /// One that starts with the console, in its process.
+    Here(HostConfig),
+    /// One that is at work in another process, and whose it is.
+    Elsewhere(Box<Host>, EngineLink),
+}
 
 /// What a console is started with.
 pub struct Console {
-    pub host: HostConfig,
+    pub engine: EngineAt,
     /// Where the live scene is served; absent if it is not.
     pub view: Option<SocketAddr>,
     pub options: Options,
@@ -105,7 +113,7 @@ fn on_screen(console: Console, look: Look, guard: RunningGuard) -> Result<Left, 
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
     let exports = state.map(|folder| folder.join("exports"));
     let parts = session::Parts {
-        host: console.host,
+        engine: console.engine,
         view: console.view,
         candidates: console.candidates,
         themes: console.themes,

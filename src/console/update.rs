@@ -193,6 +193,7 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::CommandLine => typing::begin_command(model),
         Action::Filter => typing::begin_filter(model),
         Action::Back => back(model),
+        Action::Detach => operating::detach(model),
         Action::Quit => operating::quit(model),
         Action::Suspend => {
             tell(model, "suspending would stop the monitors; `:quit` ends in good order", true);
@@ -265,6 +266,7 @@ const fn works_without_engine(action: Action) -> bool {
     matches!(
         action,
         Action::Stop
+            | Action::Detach
             | Action::Quit
             | Action::Help
             | Action::CommandLine

@@ -3,12 +3,23 @@
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;
+use holdpoint_protocol::seat::SeatView;
 use holdpoint_protocol::words::clock_time;
+use holdpoint_text::Untrusted;
 
 /// Virtual time as hours, minutes and seconds since the store began.
 #[must_use]
 pub fn seconds(at_ms: u64) -> String {
     clock_time(at_ms)
+}
+
+/// Who sits at a seat: the name they chose, or the seat's number.
+#[must_use]
+pub fn seated(seat: &SeatView) -> String {
+    match &seat.sitting.who {
+        Some(name) => Untrusted::new(name.clone()).line().into_string(),
+        None => format!("seat {}", seat.seat),
+    }
 }
 
 /// A duration: `950 ms`, `12 s`, `4 min 5 s`, `3 h 2 min`.

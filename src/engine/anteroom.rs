@@ -20,7 +20,7 @@ use holdpoint_registry::{Store, StoreError, UnreadStore, VersionFilter, Views};
 
 use crate::bound;
 use crate::context::Context;
-use crate::door::{Door, Signals};
+use crate::door::{Door, LiveViews, Seats, Signals};
 use crate::halt;
 use crate::view::snapshot::alarm_view;
 use crate::world::scenery;
@@ -89,6 +89,17 @@ impl<'a> Anteroom<'a> {
     #[must_use]
     pub fn switch(&self) -> Arc<Switch> {
         Arc::clone(&self.controls.switch)
+    }
+
+    /// Has everything shown to whoever attaches.
+    pub fn show(&self, views: LiveViews) {
+        self.door.show(views);
+    }
+
+    /// Who looks.
+    #[must_use]
+    pub fn seats(&self) -> Arc<Seats> {
+        self.door.seats()
     }
 
     /// Serves the door for a moment. Tells whether the record has been read, or will not be waited for.
@@ -251,6 +262,7 @@ fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result
         scenery: scenery(&context.cell),
         thresholds: context.thresholds(),
         observed: ObservedCounts::default(),
+        seats: Vec::new(),
     })
 }
 

@@ -7,8 +7,10 @@
 //!
 //! Must not decide anything, and must not keep the engine waiting: nothing here blocks it but [`Door::wait`].
 
+mod attended;
 mod classes;
 mod client;
+mod seats;
 mod server;
 mod socket;
 
@@ -23,8 +25,10 @@ use std::time::{Duration, Instant};
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
 
+pub use attended::LiveViews;
 pub use classes::{ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
-pub use client::{Client, Notification, Subscription};
+pub use client::{Attachment, Client, Notification, Sayer, Shown, Subscription};
+pub use seats::{Seat, Seats};
 pub use socket::socket_path;
 
 use self::classes::Classes;
@@ -165,6 +169,8 @@ pub struct Door {
     stop: CancellationToken,
     thread: Option<JoinHandle<()>>,
     socket: PathBuf,
+    seats: Arc<Seats>,
+    shown: Arc<attended::Shown>,
 }
 
 impl Door {
@@ -187,6 +193,7 @@ impl Door {
         let (events, _) = broadcast::channel(EVENTS_KEPT);
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
+        let (seats, shown) = (Arc::<Seats>::default(), Arc::<attended::Shown>::default());
         let serve = server::DoorServer {
             requests: sender,
             events: events.clone(),
@@ -195,6 +202,8 @@ impl Door {
             switch,
             stop: stop.clone(),
             classes: Classes::default(),
+            seats: Arc::clone(&seats),
+            shown: Arc::clone(&shown),
         };
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
         Ok(Self {
@@ -207,7 +216,20 @@ impl Door {
             stop,
             thread: Some(thread),
             socket,
+            seats,
+            shown,
         })
+    }
+
+    /// Has the engine shown to whoever attaches, from now on.
+    pub fn show(&self, views: LiveViews) {
+        self.shown.set(views);
+    }
+
+    /// Who looks at the engine.
+    #[must_use]
+    pub fn seats(&self) -> Arc<Seats> {
+        Arc::clone(&self.seats)
     }
 
     /// Before there is an engine: `answer` is given every request that waits, whose it is and for how long it has

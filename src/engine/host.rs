@@ -1,4 +1,4 @@
-//! The engine on a thread of its own, for a front end in the same process.
+//! The engine as a front end has it: on a thread of its own in the same process, or at work in another one.
 //!
 //! Requests go in through a bounded queue and are never waited for; what happened comes out through a bounded one,
 //! of which a slow reader loses events and is told how many, but never an answer. Snapshots and pictures are the
@@ -8,6 +8,7 @@
 //! A panic on the engine's thread does not end the process: the pipeline holds with a latched alarm, and the host
 //! goes on answering.
 
+mod attached;
 mod elsewhere;
 mod publisher;
 mod serving;
@@ -23,12 +24,13 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, watch};
 
+use self::attached::Attached;
 pub use self::elsewhere::EngineElsewhere;
 use self::publisher::Publisher;
 use self::serving::{Serving, said};
 pub use self::update::{EndFault, OUTSTANDING_MAX, UPDATES_MAX, Update};
 use super::Config;
-use super::door::Signals;
+use super::door::{Client, DoorError, LiveViews, Seat, Seats, Signals};
 use super::pump::Pump;
 use crate::anteroom::{Anteroom, LOOK_PATIENCE, ReadWatch};
 use crate::cell::Cell;
@@ -37,6 +39,7 @@ use crate::world::switch::{AskedStop, Switch};
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::seat::Sitting;
 use holdpoint_protocol::sink::{MakeSink, Serve};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
@@ -98,6 +101,8 @@ struct Shared {
     ended: Mutex<bool>,
     /// Has the live scene served.
     serve: OnceLock<Serve>,
+    /// Who looks at the engine.
+    seats: OnceLock<Arc<Seats>>,
 }
 
 impl Shared {
@@ -106,11 +111,9 @@ impl Shared {
     }
 }
 
-/// A running engine. Dropping it ends the engine in an orderly way, without waiting for that.
+/// The engine that a front end is at: on a thread of this process, or at work in another one. Dropping one of this process
+/// ends it in an orderly way, without waiting for that; another one works on.
 pub struct Host {
-    requests: SyncSender<Request>,
-    outstanding: Arc<AtomicUsize>,
-    shared: Arc<Shared>,
     /// What happened; bounded, see [`UPDATES_MAX`].
     pub updates: mpsc::Receiver<Update>,
     /// How things stand; absent until the engine is up.
@@ -118,7 +121,79 @@ pub struct Host {
     /// What the live cell looks like; absent until it has moved.
     pub pictures: watch::Receiver<Option<Arc<Picture>>>,
     layout: Layout,
+    way: Way,
+}
+
+/// How requests reach the engine.
+enum Way {
+    Thread(OwnEngine),
+    Socket(Attached),
+}
+
+/// An engine on a thread of this process.
+struct OwnEngine {
+    requests: SyncSender<Request>,
+    outstanding: Arc<AtomicUsize>,
+    shared: Arc<Shared>,
     thread: Option<JoinHandle<Result<(), EndFault>>>,
+    /// This process's own seat, once the engine has a book of them.
+    seat: Option<Seat>,
+}
+
+/// Counts one request more, unless too many are on their way.
+fn take_place(outstanding: &AtomicUsize) -> bool {
+    let take = |count: usize| (count < OUTSTANDING_MAX).then_some(count + 1);
+    outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).is_ok()
+}
+
+impl OwnEngine {
+    fn ask(&self, request: Request) -> Result<(), NotTaken> {
+        // The thread that was never started takes nothing.
+        let ended = self.shared.ended();
+        if *ended || self.thread.is_none() {
+            return Err(NotTaken::Ended(Box::new(request)));
+        }
+        let stops = request.command.stops_the_arm();
+        if let (Command::Stop { by, reason }, Some(switch)) = (&request.command, self.shared.switch.get()) {
+            let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
+            switch.halt(AskedStop { id, by, reason, caller: crate::caller::own() });
+        }
+        if !take_place(&self.outstanding) {
+            return Err(NotTaken::Busy(Box::new(request)));
+        }
+        if let Err(refused) = self.requests.try_send(request) {
+            self.outstanding.fetch_sub(1, Ordering::AcqRel);
+            return Err(match refused {
+                TrySendError::Full(request) => NotTaken::Busy(Box::new(request)),
+                TrySendError::Disconnected(request) => NotTaken::Ended(Box::new(request)),
+            });
+        }
+        if stops && let Some(switch) = self.shared.switch.get() {
+            switch.stop();
+        }
+        Ok(())
+    }
+
+    fn stop(mut self, updates: &mut mpsc::Receiver<Update>, patience: Duration) -> Result<(), StopError> {
+        let until = Instant::now() + patience;
+        // A queue that is full is closed below, which ends the engine as well.
+        let _ = self.ask(Request::unsigned("host-stop".to_owned(), Command::Shutdown));
+        let Some(thread) = self.thread.take() else { return Ok(()) };
+        drop(self);
+        while !thread.is_finished() {
+            if Instant::now() >= until {
+                return Err(StopError::Late(patience));
+            }
+            // What still comes is not read by anybody.
+            while updates.try_recv().is_ok() {}
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        match thread.join() {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(why)) => Err(StopError::Failed(why)),
+            Err(_) => Err(StopError::Failed(EndFault::of("the engine's thread failed"))),
+        }
+    }
 }
 
 impl Host {
@@ -141,9 +216,30 @@ impl Host {
         let layout = Layout::new(config.data.clone());
         let publisher = Publisher::new(told, snapshot, Arc::clone(&outstanding));
         let own = Arc::clone(&shared);
-        let work = move || run((config, watch), &asked, publisher, picture, &own);
+        let views = LiveViews { snapshots: snapshots.clone(), pictures: pictures.clone() };
+        let work = move || run((config, watch), &asked, publisher, (picture, views), &own);
         let thread = std::thread::Builder::new().name("engine".to_owned()).spawn(work).ok();
-        Self { requests, outstanding, shared, updates, snapshots, pictures, layout, thread }
+        let way = Way::Thread(OwnEngine { requests, outstanding, shared, thread, seat: None });
+        Self { updates, snapshots, pictures, layout, way }
+    }
+
+    /// Sits down at the engine that is at work on a store, in another process. What it shows comes as from one of this
+    /// process; leaving ends nothing.
+    ///
+    /// # Errors
+    /// [`DoorError`] if it shows itself to nobody, or is gone meanwhile.
+    pub fn attach(layout: Layout, client: Client, sitting: Sitting) -> Result<Self, DoorError> {
+        let (told, updates) = mpsc::channel(UPDATES_MAX);
+        let (snapshot, snapshots) = watch::channel(None);
+        let (picture, pictures) = watch::channel(None);
+        let way = Way::Socket(Attached::start(&layout, client, sitting, (told, snapshot, picture))?);
+        Ok(Self { updates, snapshots, pictures, layout, way })
+    }
+
+    /// Whether the engine is another process's.
+    #[must_use]
+    pub const fn is_attached(&self) -> bool {
+        matches!(self.way, Way::Socket(_))
     }
 
     /// Hands a request over. Its answer comes as [`Update::Answer`], or the request as [`Update::Returned`] if the engine
@@ -154,38 +250,36 @@ impl Host {
     /// # Errors
     /// [`NotTaken`]; nothing was handed over then.
     pub fn ask(&self, request: Request) -> Result<(), NotTaken> {
-        // The thread that was never started takes nothing.
-        let ended = self.shared.ended();
-        if *ended || self.thread.is_none() {
-            return Err(NotTaken::Ended(Box::new(request)));
+        match &self.way {
+            Way::Thread(own) => own.ask(request),
+            Way::Socket(attached) => attached.ask(request),
         }
-        let stops = request.command.stops_the_arm();
-        if let (Command::Stop { by, reason }, Some(switch)) = (&request.command, self.shared.switch.get()) {
-            let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
-            switch.halt(AskedStop { id, by, reason, caller: crate::caller::own() });
+    }
+
+    /// Says what whoever sits here looks at. Gives back the number of the seat; absent before the engine is up.
+    pub fn sit(&mut self, sitting: Sitting) -> Option<u64> {
+        match &mut self.way {
+            Way::Thread(own) => {
+                let seats = own.shared.seats.get()?;
+                if let Some(seat) = &own.seat {
+                    seat.say(sitting);
+                } else {
+                    own.seat = Some(seats.sit(Some(std::process::id()), sitting));
+                }
+                own.seat.as_ref().map(Seat::number)
+            }
+            Way::Socket(attached) => Some(attached.sit(sitting)),
         }
-        let take = |count: usize| (count < OUTSTANDING_MAX).then_some(count + 1);
-        if self.outstanding.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).is_err() {
-            return Err(NotTaken::Busy(Box::new(request)));
-        }
-        if let Err(refused) = self.requests.try_send(request) {
-            self.outstanding.fetch_sub(1, Ordering::AcqRel);
-            return Err(match refused {
-                TrySendError::Full(request) => NotTaken::Busy(Box::new(request)),
-                TrySendError::Disconnected(request) => NotTaken::Ended(Box::new(request)),
-            });
-        }
-        if stops && let Some(switch) = self.shared.switch.get() {
-            switch.stop();
-        }
-        Ok(())
     }
 
     /// Has the live scene served to viewers at this address from now on. Tells whether somebody was there to do it;
-    /// what came of it is told as an event.
+    /// what came of it is told as an event. An engine of another process serves what it was started with.
     #[must_use]
     pub fn serve_scene(&self, address: std::net::SocketAddr) -> bool {
-        self.shared.serve.get().is_some_and(|serve| serve(address))
+        match &self.way {
+            Way::Thread(own) => own.shared.serve.get().is_some_and(|serve| serve(address)),
+            Way::Socket(_) => false,
+        }
     }
 
     /// Whatever engine is at work on the store, if this process has none.
@@ -212,29 +306,16 @@ impl Host {
         self.layout.logs()
     }
 
-    /// Ends the engine in an orderly way: the arm is stopped, nothing is approved or activated.
+    /// Ends an engine of this process in an orderly way: the arm is stopped, nothing is approved or activated. One of another
+    /// process is left as it is.
     ///
     /// # Errors
     /// [`StopError`] if it takes longer than `patience`, or ended with an error.
-    pub fn stop(mut self, patience: Duration) -> Result<(), StopError> {
-        let until = Instant::now() + patience;
-        // A queue that is full is closed below, which ends the engine as well.
-        let _ = self.ask(Request::unsigned("host-stop".to_owned(), Command::Shutdown));
-        let Some(thread) = self.thread.take() else { return Ok(()) };
-        let (closed, _) = sync_channel(0);
-        drop(std::mem::replace(&mut self.requests, closed));
-        while !thread.is_finished() {
-            if Instant::now() >= until {
-                return Err(StopError::Late(patience));
-            }
-            // What still comes is not read by anybody.
-            while self.updates.try_recv().is_ok() {}
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        match thread.join() {
-            Ok(Ok(())) => Ok(()),
-            Ok(Err(why)) => Err(StopError::Failed(why)),
-            Err(_) => Err(StopError::Failed(EndFault::of("the engine's thread failed"))),
+    pub fn stop(self, patience: Duration) -> Result<(), StopError> {
+        let Self { mut updates, way, .. } = self;
+        match way {
+            Way::Thread(own) => own.stop(&mut updates, patience),
+            Way::Socket(_) => Ok(()),
         }
     }
 }
@@ -243,13 +324,13 @@ fn run(
     begun_with: (HostConfig, ReadWatch),
     asked: &Receiver<Request>,
     mut publisher: Publisher,
-    picture: watch::Sender<Option<Arc<Picture>>>,
+    (picture, views): (watch::Sender<Option<Arc<Picture>>>, LiveViews),
     shared: &Shared,
 ) -> Result<(), EndFault> {
     // Threads that are started from here inherit it. Where it is refused, evaluation is only less modest.
     let _ = rustix::process::nice(NICE);
     let mut early = EarlyDoor { asked, waiting: Vec::new(), publisher: &mut publisher, shared };
-    let started = catch_unwind(AssertUnwindSafe(|| start(begun_with, &mut early, picture)));
+    let started = catch_unwind(AssertUnwindSafe(|| start(begun_with, &mut early, (picture, views))));
     let waiting = early.waiting;
     let started =
         started.unwrap_or_else(|panic| Err(EndFault::of(format!("the start failed: {}", said(&*panic)))));
@@ -322,7 +403,7 @@ impl EarlyDoor<'_> {
 fn start(
     (config, watch): (HostConfig, ReadWatch),
     early: &mut EarlyDoor<'_>,
-    picture: watch::Sender<Option<Arc<Picture>>>,
+    (picture, views): (watch::Sender<Option<Arc<Picture>>>, LiveViews),
 ) -> Result<Option<Pump>, EndFault> {
     let jobs = config.workers();
     let begun = Instant::now();
@@ -338,6 +419,9 @@ fn start(
     let mut anteroom = Anteroom::open(engine_config, Signals::Taken, watch).map_err(EndFault::from)?;
     // It is set once, here.
     drop(early.shared.switch.set(anteroom.switch()));
+    anteroom.show(views);
+    early.publisher.seat(anteroom.seats());
+    drop(early.shared.seats.set(anteroom.seats()));
     while !anteroom.turn() {
         if early.requests(&mut anteroom) || anteroom.has_ended() {
             return Ok(None);

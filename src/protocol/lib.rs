@@ -25,6 +25,7 @@ pub mod explained;
 pub mod picture;
 mod purpose;
 pub mod schema;
+pub mod seat;
 pub mod sink;
 pub mod snapshot;
 pub mod standing;

@@ -11,6 +11,7 @@ use super::caller::Caller;
 use super::detail::Changes;
 use super::event::{DimensionResult, TaskSummary};
 use super::picture::Scenery;
+use super::seat::SeatView;
 use holdpoint_approvals::Nonce;
 use holdpoint_body::rehearsal::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
@@ -80,6 +81,9 @@ pub struct Snapshot {
     /// What this engine has counted of the metrics since it came up; `holdpoint metrics` reads the whole store.
     #[serde(default)]
     pub observed: ObservedCounts,
+    /// Who looks at this engine, in the order of sitting down.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub seats: Vec<SeatView>,
 }
 
 /// What a signature under a request is bound to, beside the request.

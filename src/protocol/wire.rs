@@ -5,9 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::command::{Reply, Request};
 use crate::event::Event;
+use crate::picture::Picture;
+use crate::seat::Sitting;
+use crate::snapshot::Snapshot;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 4;
+pub const PROTOCOL: u32 = 5;
 
 /// The longest line a client may send, bytes.
 pub const CALL_BYTES_MAX: usize = 1024 * 1024;
@@ -29,6 +32,17 @@ pub enum Call {
     },
     /// From now on this connection only carries events.
     Subscribe {},
+    /// From now on this connection carries events, the newest snapshot and the newest picture, and takes nothing but
+    /// [`Call::Sit`]. Whatever is asked goes over another one.
+    Attach {
+        /// Who sits down.
+        sitting: Sitting,
+    },
+    /// Somebody who is attached has something else before them.
+    Sit {
+        /// What they say of themselves now.
+        sitting: Sitting,
+    },
 }
 
 /// What the engine's side sends, one JSON document a line.
@@ -51,6 +65,22 @@ pub enum Answer {
     },
     /// Every event after this is sent, except those that an [`Answer::Lagged`] counts.
     Subscribed,
+    /// The connection is a seat now: a snapshot comes next, and a new one whenever something changed. Of snapshots and
+    /// pictures the newest one alone is sent; a slow reader misses those between.
+    Attached {
+        /// The number of the seat.
+        seat: u64,
+    },
+    /// How things stand, for whoever is attached.
+    Snapshot {
+        /// All of it.
+        snapshot: Box<Snapshot>,
+    },
+    /// What the live cell looks like, for whoever is attached.
+    Picture {
+        /// The newest one.
+        picture: Box<Picture>,
+    },
     /// One event of the engine, for a subscriber.
     Event {
         /// What happened, with its number and time.

@@ -74,22 +74,22 @@ fn told(seq: u64, text: &str) -> Event {
 }
 
 /// A connection that speaks by hand.
-struct Raw(BufReader<UnixStream>);
+pub(crate) struct Raw(BufReader<UnixStream>);
 
 impl Raw {
-    fn connect(folder: &Path) -> Self {
+    pub(crate) fn connect(folder: &Path) -> Self {
         let stream = UnixStream::connect(socket_path(&Layout::new(folder))).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         Self(BufReader::new(stream))
     }
 
-    fn send(&mut self, line: &str) {
+    pub(crate) fn send(&mut self, line: &str) {
         // A door that has closed the connection already is what some of these are about.
         drop(self.0.get_mut().write_all(line.as_bytes()));
     }
 
     /// The next document; `None` at the end.
-    fn read(&mut self) -> Option<Value> {
+    pub(crate) fn read(&mut self) -> Option<Value> {
         let mut line = String::new();
         match self.0.read_line(&mut line) {
             Ok(0) | Err(_) => None,

@@ -10,6 +10,7 @@
 )]
 
 mod asked;
+mod attach;
 mod bad_input;
 mod bench;
 mod cli;

@@ -413,6 +413,7 @@ pub fn snapshot() -> Snapshot {
         scenery: scenery(),
         thresholds: LIMITS,
         observed: ObservedCounts::default(),
+        seats: Vec::new(),
     }
 }
 

@@ -8,6 +8,7 @@ use holdpoint_governance::ids::Family;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::detail::{AuditPage, Detail, RegistryPage, Verified};
 use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::seat::SeatView;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Problem;
 
@@ -61,6 +62,18 @@ impl Absence {
     }
 }
 
+/// Whose the engine is that this console is at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum EngineLink {
+    /// This process's: it ends with the console.
+    #[default]
+    Own,
+    /// At work before the console came: it works on when the console goes.
+    Attached,
+    /// Started for this console, in a process of its own: quitting ends it, detaching leaves it at work.
+    Launched,
+}
+
 /// A line of the engine's story, sanitised.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoryLine {
@@ -81,11 +94,24 @@ pub struct Listing {
     pub closed: BTreeSet<Family>,
 }
 
+impl Told {
+    /// Who else looks at the engine.
+    pub fn others(&self) -> impl Iterator<Item = &SeatView> {
+        let seats = self.snapshot.iter().flat_map(|snapshot| &snapshot.seats);
+        // Before this console knows its own seat, nobody is somebody else.
+        seats.filter(|one| self.seat.is_some_and(|own| own != one.seat))
+    }
+}
+
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Told {
     /// How the engine is.
     pub engine: EngineState,
+    /// Whose it is.
+    pub link: EngineLink,
+    /// The number of this console's seat at it; absent before it has one.
+    pub seat: Option<u64>,
     /// The newest picture of how things stand.
     pub snapshot: Option<Arc<Snapshot>>,
     /// Console time it came, ms.

@@ -46,6 +46,20 @@ pub(super) fn left(
     Left { cause, came_up, in_order, text }
 }
 
+/// How a console left an engine that works on.
+pub(super) fn at_work(cause: Cause) -> Left {
+    let text =
+        "left the engine at work; `holdpoint` comes back to it, `holdpoint stop` stops its arm".to_owned();
+    Left { cause, came_up: true, in_order: true, text }
+}
+
+/// How a console found the end of an engine in another process.
+pub(super) fn ended_elsewhere(cause: Cause, why: &EndFault) -> Left {
+    let text =
+        Untrusted::new(format!("the engine that this console was at is gone: {why}")).line().into_string();
+    Left { cause, came_up: true, in_order: false, text }
+}
+
 /// What goes on at the next start, one part for each kind.
 fn on_the_way(snapshot: &Snapshot) -> Vec<String> {
     let count =

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
+use super::EngineAt;
 use super::farewell::{self, Cause, Left};
 use super::input;
 use super::pace::{FramePace, Want};
@@ -19,14 +20,14 @@ use crate::effect::Effect;
 use crate::effects::{EffectTarget, Errand, Hands, Outcome, ReadCandidate};
 use crate::frame;
 use crate::look::Look;
-use crate::model::{Model, Overlay, View};
+use crate::model::{EngineLink, Model, Overlay, View};
 use crate::msg::{Msg, MsgKind};
 use crate::prompt::OnScreen;
 use crate::terminal::TerminalGuard;
 use crate::terminal::guard::{Ending, RunningGuard};
 use crate::theme::Themes;
 use crate::update::update;
-use holdpoint_engine::host::{EndFault, Host, HostConfig, StopError, Update};
+use holdpoint_engine::host::{EndFault, Host, StopError, Update};
 use holdpoint_protocol::command::{Command, Request};
 
 /// Time passes this often if nothing else happens.
@@ -46,7 +47,7 @@ const ERRANDS_MAX: usize = 16;
 
 /// What a session is made of beside the screen.
 pub(super) struct Parts {
-    pub(super) host: HostConfig,
+    pub(super) engine: EngineAt,
     pub(super) view: Option<SocketAddr>,
     pub(super) candidates: ReadCandidate,
     pub(super) themes: Themes,
@@ -77,6 +78,8 @@ pub(super) struct Session {
     ended: Option<Result<(), EndFault>>,
     /// Whether there was an engine here.
     came_up: bool,
+    /// The engine was left at work.
+    left: bool,
 }
 
 enum SessionInput {
@@ -101,7 +104,14 @@ impl Session {
         guard: RunningGuard,
     ) -> io::Result<Self> {
         let view = parts.view;
-        let host = Host::start(parts.host);
+        let mut model = model;
+        let host = match parts.engine {
+            EngineAt::Here(config) => Host::start(config),
+            EngineAt::Elsewhere(host, link) => {
+                model.told.link = link;
+                *host
+            }
+        };
         let (tell, errands) = mpsc::channel(ERRANDS_MAX);
         let Parts { candidates, themes, exports, .. } = parts;
         Ok(Self {
@@ -121,6 +131,7 @@ impl Session {
             blind: false,
             ended: None,
             came_up: false,
+            left: false,
         })
     }
 
@@ -285,6 +296,8 @@ impl Session {
         for effect in effects {
             self.carry_out(effect);
         }
+        // Others at the engine see where this console is; a word that is no news is not sent.
+        self.model.told.seat = self.hands.host.sit(self.model.sitting());
     }
 
     /// Carries out an effect and what follows from its answer.
@@ -305,13 +318,24 @@ impl Session {
                     self.pace.want(Want::Key);
                 }
                 Ok(Outcome::End) => self.end(),
+                Ok(Outcome::Leave) => self.leave(),
                 Err(_) => self.told_to_end(true),
             }
         }
     }
 
-    /// Asks the engine to end; the screen stays until it has.
+    /// Leaves the engine as it is.
+    fn leave(&mut self) {
+        self.left = true;
+        self.ended.get_or_insert(Ok(()));
+        self.leaving.get_or_insert_with(Instant::now);
+    }
+
+    /// Asks the engine to end; the screen stays until it has. One that others began is left at work.
     fn end(&mut self) {
+        if self.model.told.link == EngineLink::Attached {
+            return self.leave();
+        }
         if self.leaving.is_none() {
             self.leaving = Some(Instant::now() + ENDING_MAX);
             // A full queue is no reason to wait: the host is stopped in any case.
@@ -356,7 +380,7 @@ impl Session {
 
     /// The engine first, the terminal last.
     fn finish(self) -> Left {
-        let Self { model, hands, screen, terminal, guard, ended, cause, came_up, .. } = self;
+        let Self { model, hands, screen, terminal, guard, ended, cause, came_up, left, .. } = self;
         let stopped = match hands.host.stop(STOP_MAX) {
             Ok(()) => Some(Ok(())),
             Err(StopError::Failed(why)) => Some(Err(why)),
@@ -366,6 +390,13 @@ impl Session {
         drop(screen);
         drop(terminal);
         drop(guard);
+        match (&ended, model.told.link) {
+            (Some(Ok(())), _) if left && came_up => return farewell::at_work(cause),
+            (Some(Err(why)), EngineLink::Attached | EngineLink::Launched) if came_up => {
+                return farewell::ended_elsewhere(cause, why);
+            }
+            _ => {}
+        }
         farewell::left(cause, came_up, ended, model.told.snapshot.as_deref())
     }
 }

@@ -30,6 +30,11 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
         if let EventKind::CellStopped { by, .. } = &event.kind {
             operating::stopped_again(model, by, event.at_ms);
         }
+        if let (EventKind::ApprovalReceived { version, by, decision, .. }, Some(Overlay::Prompt(prompt))) =
+            (&event.kind, &mut model.entry.overlay)
+        {
+            prompt.note_answer(version, by, *decision);
+        }
         if !matches!(event.kind, EventKind::Sequence { .. }) {
             model.asking.changes += 1;
         }

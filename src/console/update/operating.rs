@@ -4,7 +4,7 @@ use super::{asking, overlays, refuse, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent, NOBODY};
-use crate::model::{AskedFor, EngineState, Model, Overlay};
+use crate::model::{AskedFor, EngineLink, EngineState, Model, Overlay};
 use crate::prompt::Prompt;
 use crate::words::{seconds, standing};
 use holdpoint_governance::ids::CapabilityId;
@@ -465,13 +465,33 @@ pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
         model.place.view = View::Overview;
         return Vec::new();
     }
+    if model.told.link == EngineLink::Attached {
+        return vec![Effect::Leave];
+    }
     let lines = quit_lines(model);
     open(model, Intent::Quit, lines)
+}
+
+/// Ends the console alone, where the engine can do without it.
+pub(super) fn detach(model: &mut Model) -> Vec<Effect> {
+    if model.told.link == EngineLink::Own {
+        let text = "this engine lives in this console and ends with it; `holdpoint serve` starts one that can be left";
+        tell(model, text.to_owned(), true);
+        return Vec::new();
+    }
+    vec![Effect::Leave]
 }
 
 /// What the engine does when the program ends.
 fn quit_lines(model: &Model) -> Vec<String> {
     let mut lines = vec!["The engine ends in good order; nothing is approved or activated by it".to_owned()];
+    if model.told.link == EngineLink::Launched {
+        lines.push("`:detach` leaves it at work instead, and `holdpoint` comes back to it".to_owned());
+    }
+    let others = model.told.others().count();
+    if others > 0 {
+        lines.push(format!("{others} more at this engine lose it"));
+    }
     for candidate in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
         if let Some(progress) = &candidate.progress {
             lines.push(format!(

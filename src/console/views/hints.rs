@@ -9,7 +9,7 @@ use ratatui::layout::Rect;
 use crate::action::Action;
 use crate::form::FormFocus;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{Model, Notice, Overlay, Typing, View};
+use crate::model::{EngineLink, Model, Notice, Overlay, Typing, View};
 use crate::prompt::Focus;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
@@ -205,6 +205,7 @@ fn label(model: &Model, action: Action) -> String {
         (Action::ResetAlarm, _, _) => "reset",
         (Action::Pause, _, _) => "hold",
         (Action::Resume, _, _) => "let go on",
+        (Action::Quit, None, View::Overview) if model.told.link == EngineLink::Attached => "leave",
         (Action::Quit, None, View::Overview) => "quit",
         (Action::Quit, _, _) => "back",
         (other, _, _) => return other.word().replace('-', " "),

@@ -114,6 +114,17 @@ fn extent(model: &Model, first: usize, room: usize, count: usize) -> String {
     format!("lines {} to {last} of {count}, {more}", first + 1)
 }
 
+/// Who else has this question open; empty if nobody.
+fn readers(model: &Model, prompt: &Prompt) -> String {
+    let here = model.told.others().filter(|one| one.sitting.reading.as_ref() == Some(&prompt.seen.version));
+    let names: Vec<String> = here.map(crate::words::seated).collect();
+    match names.as_slice() {
+        [] => String::new(),
+        [one] => format!("{one} is reading this"),
+        several => format!("{} are reading this", several.join(", ")),
+    }
+}
+
 fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let mut rows = Vec::new();
     if prompt.closed && prompt.signing.is_none() {
@@ -121,8 +132,11 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
             .stale
             .as_ref()
             .map_or_else(String::new, |stale| format!(" since {}", seconds(stale.at_ms)));
-        let text =
-            format!("{} CLOSED{since}: nothing is left to decide here", pen.look.glyph(Glyph::Warning));
+        let text = format!(
+            "{} CLOSED{since}: {}",
+            pen.look.glyph(Glyph::Warning),
+            prompt.answered.as_deref().unwrap_or("nothing is left to decide here")
+        );
         rows.extend(wrapped(ThemeRole::Stale, &text, width));
         rows.extend(refused(prompt, width));
         let leaves = Row::of(ThemeRole::Key, "Enter").with(ThemeRole::Text, " or ");
@@ -139,6 +153,10 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
             seconds(stale.at_ms)
         );
         rows.extend(wrapped(ThemeRole::Stale, &text, width));
+    }
+    let readers = readers(model, prompt);
+    if !readers.is_empty() {
+        rows.extend(wrapped(ThemeRole::Muted, &readers, width));
     }
     let (unread, all) = (prompt.unread(), prompt.text().len());
     if unread > 0 && prompt.stale.is_none() {

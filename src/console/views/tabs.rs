@@ -10,17 +10,46 @@ use crate::look::ThemeRole;
 use crate::model::{Model, View};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
+use crate::words::seated;
+use holdpoint_protocol::seat::SeatView;
+use holdpoint_text::Untrusted;
+use unicode_width::UnicodeWidthStr as _;
 
 /// Draws the views' line.
 pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let others = others(model);
     let all = line(&View::ALL.map(|view| (key(view), view.title())), model.place.view as usize);
-    if all.width() <= usize::from(area.width) {
-        pen.row(area, 0, &all);
+    let width = usize::from(area.width);
+    if all.width() <= width {
+        let room = width - all.width();
+        // Who else is here, in the longest words that fit.
+        let fits = others.into_iter().find(|text| text.width() + 2 <= room).unwrap_or_default();
+        let row = all.to_column(width - fits.width()).with(ThemeRole::Muted, &fits);
+        pen.row(area, 0, &row);
         return;
     }
     // Names of the others do not fit: their keys do.
     let brief = View::ALL.map(|view| (key(view), if view == model.place.view { view.title() } else { "" }));
     pen.row(area, 0, &line(&brief, model.place.view as usize));
+}
+
+/// Who else looks at this engine, in words that get shorter; nothing if nobody does.
+fn others(model: &Model) -> Vec<String> {
+    let others: Vec<_> = model.told.others().collect();
+    if others.is_empty() {
+        return Vec::new();
+    }
+    let said = |one: &&SeatView| {
+        let doing = match &one.sitting.reading {
+            Some(version) => format!("reads {version}"),
+            None => Untrusted::new(one.sitting.view.clone()).line().into_string(),
+        };
+        format!("{} ({doing})", seated(one))
+    };
+    let whole: Vec<String> = others.iter().map(said).collect();
+    let names: Vec<String> = others.iter().map(|one| seated(one)).collect();
+    let count = others.len();
+    vec![format!("with {}", whole.join(", ")), format!("with {}", names.join(", ")), format!("+{count}")]
 }
 
 /// The panes of the present view as a line; empty if there is one alone.

@@ -9,6 +9,9 @@ use super::{DoorError, socket, socket_path};
 use holdpoint_approvals::{Nonce, SignedCall};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::Event;
+use holdpoint_protocol::picture::Picture;
+use holdpoint_protocol::seat::Sitting;
+use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::wire::{self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, PROTOCOL};
 use holdpoint_registry::Layout;
 
@@ -17,6 +20,9 @@ const HELLO_SECS: u64 = 5;
 
 /// How long a reply may take: the engine answers between two slices of work, and a rollback is carried out first.
 const REPLY_SECS: u64 = 120;
+
+/// How long an engine that does not read is waited for with a word about a seat.
+const SAY_MAX: Duration = Duration::from_millis(20);
 
 /// A connection to a running engine.
 #[derive(Debug)]
@@ -28,6 +34,23 @@ pub struct Client {
 #[derive(Debug)]
 pub struct Subscription {
     lines: Lines,
+}
+
+/// A seat at a running engine: what it shows, as it comes.
+#[derive(Debug)]
+pub struct Attachment {
+    lines: Lines,
+    seat: u64,
+}
+
+/// What somebody who is attached is shown.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shown {
+    Event(Box<Event>),
+    /// So many events were dropped, because they were not read in time.
+    Missed(u64),
+    Snapshot(Box<Snapshot>),
+    Picture(Box<Picture>),
 }
 
 /// What a subscriber is told.
@@ -83,9 +106,7 @@ impl Client {
                 Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
             }
             Answer::Closed { text } => Err(lines.closed(text)),
-            Answer::Reply { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. } => {
-                Err(lines.protocol("its first line is no hello".to_owned()))
-            }
+            _ => Err(lines.protocol("its first line is no hello".to_owned())),
         }
     }
 
@@ -108,7 +129,15 @@ impl Client {
         seal: Option<Box<SignedCall>>,
     ) -> Result<Reply, DoorError> {
         let id = Nonce::random()?.as_str().to_owned();
-        let call = Call::Ask { request: Box::new(Request { id, command, seal }) };
+        self.ask_request(Request { id, command, seal })
+    }
+
+    /// As [`Client::ask`], for a request with an id of its own.
+    ///
+    /// # Errors
+    /// As [`Client::ask`].
+    pub fn ask_request(&mut self, request: Request) -> Result<Reply, DoorError> {
+        let call = Call::Ask { request: Box::new(request) };
         match self.call(&call) {
             Err(DoorError::Ended { .. }) => {
                 let layout = Layout::new(self.lines.path.parent().unwrap_or(Path::new("")));
@@ -133,9 +162,7 @@ impl Client {
         match self.lines.next(patience)? {
             Some(Answer::Reply { reply }) => Ok(*reply),
             Some(Answer::Closed { text }) => Err(self.lines.closed(text)),
-            Some(
-                Answer::Hello { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. },
-            ) => Err(self.lines.protocol("that is no reply".to_owned())),
+            Some(_) => Err(self.lines.protocol("that is no reply".to_owned())),
             None => Err(self.lines.silent()),
         }
     }
@@ -145,9 +172,20 @@ impl Client {
         match self.lines.expect(REPLY_SECS)? {
             Answer::Reply { reply } => Ok(*reply),
             Answer::Closed { text } => Err(self.lines.closed(text)),
-            Answer::Hello { .. } | Answer::Subscribed | Answer::Event { .. } | Answer::Lagged { .. } => {
-                Err(self.lines.protocol("that is no reply".to_owned()))
-            }
+            _ => Err(self.lines.protocol("that is no reply".to_owned())),
+        }
+    }
+
+    /// Turns the connection into a seat.
+    ///
+    /// # Errors
+    /// As [`Client::ask`]; [`DoorError::Closed`] if the engine shows itself to nobody, or every seat is taken.
+    pub fn attach(mut self, sitting: Sitting) -> Result<Attachment, DoorError> {
+        self.lines.send(&Call::Attach { sitting })?;
+        match self.lines.expect(HELLO_SECS)? {
+            Answer::Attached { seat } => Ok(Attachment { lines: self.lines, seat }),
+            Answer::Closed { text } => Err(self.lines.closed(text)),
+            _ => Err(self.lines.protocol("that is no seat".to_owned())),
         }
     }
 
@@ -160,9 +198,7 @@ impl Client {
         match self.lines.expect(HELLO_SECS)? {
             Answer::Subscribed => Ok(Subscription { lines: self.lines }),
             Answer::Closed { text } => Err(self.lines.closed(text)),
-            Answer::Hello { .. } | Answer::Reply { .. } | Answer::Event { .. } | Answer::Lagged { .. } => {
-                Err(self.lines.protocol("that is no subscription".to_owned()))
-            }
+            _ => Err(self.lines.protocol("that is no subscription".to_owned())),
         }
     }
 }
@@ -178,10 +214,61 @@ impl Subscription {
             Some(Answer::Event { event }) => Ok(Some(Notification::Event(event))),
             Some(Answer::Lagged { missed }) => Ok(Some(Notification::Missed(missed))),
             Some(Answer::Closed { text }) => Err(self.lines.closed(text)),
-            Some(Answer::Hello { .. } | Answer::Reply { .. } | Answer::Subscribed) => {
-                Err(self.lines.protocol("that is no event".to_owned()))
-            }
+            Some(_) => Err(self.lines.protocol("that is no event".to_owned())),
         }
+    }
+}
+
+impl Attachment {
+    /// The number of the seat.
+    #[must_use]
+    pub const fn seat(&self) -> u64 {
+        self.seat
+    }
+
+    /// What is shown next; `None` if nothing was within `at_most`.
+    ///
+    /// # Errors
+    /// [`DoorError::Ended`] if the engine has ended; else as [`Client::ask`].
+    pub fn next(&mut self, at_most: Duration) -> Result<Option<Shown>, DoorError> {
+        Ok(match self.lines.next(at_most)? {
+            None => None,
+            Some(Answer::Event { event }) => Some(Shown::Event(event)),
+            Some(Answer::Lagged { missed }) => Some(Shown::Missed(missed)),
+            Some(Answer::Snapshot { snapshot }) => Some(Shown::Snapshot(snapshot)),
+            Some(Answer::Picture { picture }) => Some(Shown::Picture(picture)),
+            Some(Answer::Closed { text }) => return Err(self.lines.closed(text)),
+            Some(
+                Answer::Hello { .. } | Answer::Reply { .. } | Answer::Subscribed | Answer::Attached { .. },
+            ) => {
+                return Err(self.lines.protocol("nothing of that is for a seat".to_owned()));
+            }
+        })
+    }
+
+    /// A way to say what is looked at, while somebody else reads what is shown.
+    ///
+    /// # Errors
+    /// If the system gives no second handle of the connection.
+    pub fn sayer(&self) -> Result<Sayer, DoorError> {
+        let stream = self.lines.reader.get_ref().try_clone();
+        Ok(Sayer { stream: stream.map_err(DoorError::io("use", &self.lines.path))? })
+    }
+}
+
+/// Says what somebody who is attached looks at.
+#[derive(Debug)]
+pub struct Sayer {
+    stream: UnixStream,
+}
+
+impl Sayer {
+    /// Says it. An engine that does not read is not waited for: others see an older word of this seat then.
+    pub fn say(&mut self, sitting: Sitting) {
+        let Ok(line) = wire::line(&Call::Sit { sitting }) else { return };
+        let within = self.stream.set_write_timeout(Some(SAY_MAX));
+        // A connection that is gone is told by the end of what is shown.
+        drop(within.and_then(|()| self.stream.write_all(line.as_bytes())));
     }
 }
 

@@ -16,7 +16,9 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, timeout};
 use tokio_util::sync::CancellationToken;
 
+use super::attended::Shown;
 use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
+use super::seats::Seats;
 use super::socket::{BoundSocket, SocketPlace};
 use super::{Incoming, Signals};
 use crate::caller;
@@ -55,6 +57,8 @@ pub(super) struct DoorServer {
     pub(super) switch: Arc<Switch>,
     pub(super) stop: CancellationToken,
     pub(super) classes: Classes,
+    pub(super) seats: Arc<Seats>,
+    pub(super) shown: Arc<Shown>,
 }
 
 impl DoorServer {
@@ -142,14 +146,27 @@ impl DoorServer {
             match call {
                 Read::Nothing => return Ok(()),
                 Read::Bad(text) => return write(&mut writer, &Answer::Closed { text }).await,
-                Read::Call(Call::Subscribe {}) => {
+                Read::Call(call @ (Call::Subscribe {} | Call::Attach { .. })) => {
                     let Some(_place) = self.classes.observer() else {
                         let text = format!(
                             "{OBSERVERS_MAX} connections are told events, which is all there may be: end one that watches this engine"
                         );
                         return write(&mut writer, &Answer::Closed { text }).await;
                     };
-                    return self.tell(reader, writer).await;
+                    return match call {
+                        Call::Attach { sitting } => {
+                            let process = match caller {
+                                Caller::Process { process, .. } => process,
+                                _ => None,
+                            };
+                            self.attend(reader, writer, process, sitting).await
+                        }
+                        _ => self.tell(reader, writer).await,
+                    };
+                }
+                Read::Call(Call::Sit { .. }) => {
+                    let text = "nobody sits here: `attach` comes first".to_owned();
+                    return write(&mut writer, &Answer::Closed { text }).await;
                 }
                 Read::Call(Call::Ask { request }) => {
                     let reply = self.ask(request, &caller).await;
@@ -220,7 +237,7 @@ impl DoorServer {
     }
 
     /// What was still to be told when the door closed.
-    async fn rest(
+    pub(super) async fn rest(
         &self,
         mut events: broadcast::Receiver<Arc<str>>,
         mut writer: OwnedWriteHalf,
@@ -259,13 +276,13 @@ async fn greeted(stream: UnixStream) -> io::Result<(BufReader<OwnedReadHalf>, Ow
     Ok((BufReader::new(reader), writer))
 }
 
-enum Read {
+pub(super) enum Read {
     Call(Call),
     Nothing,
     Bad(String),
 }
 
-async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Result<Read> {
+pub(super) async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Result<Read> {
     let mut line = Vec::new();
     let limit = CALL_BYTES_MAX as u64 + 1;
     reader.take(limit).read_until(b'\n', &mut line).await?;
@@ -280,7 +297,7 @@ async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Result<Read> {
     })
 }
 
-async fn write(writer: &mut OwnedWriteHalf, answer: &Answer) -> io::Result<()> {
+pub(super) async fn write(writer: &mut OwnedWriteHalf, answer: &Answer) -> io::Result<()> {
     let mut line = wire::line(answer)?;
     if line.len() > ANSWER_BYTES_MAX {
         let text = format!("the answer has {} bytes; at most {ANSWER_BYTES_MAX} are allowed", line.len());

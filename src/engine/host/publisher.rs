@@ -11,6 +11,7 @@ use tokio::sync::{mpsc, watch};
 
 use super::update::{OUTSTANDING_MAX, Update};
 use crate::Engine;
+use crate::door::Seats;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -30,16 +31,24 @@ pub(super) struct Publisher {
     missed: u64,
     changed: bool,
     published: Option<Instant>,
+    /// Who looks at the engine.
+    seats: Arc<Seats>,
 }
 
 impl Publisher {
-    pub(super) const fn new(
+    pub(super) fn new(
         updates: mpsc::Sender<Update>,
         snapshot: watch::Sender<Option<Arc<Snapshot>>>,
         outstanding: Arc<AtomicUsize>,
     ) -> Self {
         let answers = VecDeque::new();
-        Self { updates, snapshot, outstanding, answers, missed: 0, changed: true, published: None }
+        let seats = Arc::default();
+        Self { updates, snapshot, outstanding, answers, missed: 0, changed: true, published: None, seats }
+    }
+
+    /// There is a book of who looks.
+    pub(super) fn seat(&mut self, seats: Arc<Seats>) {
+        self.seats = seats;
     }
 
     /// Something changed, so that a snapshot is due.
@@ -105,10 +114,12 @@ impl Publisher {
 
     /// Publishes a snapshot if something changed, at most some twenty a second and at least one.
     pub(super) fn publish(&mut self, engine: &Engine) {
+        self.changed |= self.seats.take_change();
         let due = self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY);
         let old = self.published.is_some_and(|published| published.elapsed() >= SNAPSHOT_AT_LEAST);
         if old || (self.changed && due) {
-            self.snapshot.send_replace(Some(Arc::new(engine.snapshot())));
+            let snapshot = Snapshot { seats: self.seats.views(), ..engine.snapshot() };
+            self.snapshot.send_replace(Some(Arc::new(snapshot)));
             self.changed = false;
             self.published = Some(Instant::now());
         }

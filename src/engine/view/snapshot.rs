@@ -100,6 +100,7 @@ impl SnapshotView<'_> {
             scenery: world::scenery(&self.context.cell),
             thresholds: self.context.thresholds(),
             observed: self.record.observed(),
+            seats: Vec::new(),
         }
     }
 

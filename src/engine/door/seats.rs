@@ -1,0 +1,103 @@
+//! Who looks at the engine: a book that every console signs by sitting down and leaves by going. Grants nothing.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use holdpoint_protocol::seat::{SeatView, Sitting};
+
+/// The seats there are.
+#[derive(Debug, Default)]
+pub struct Seats(Mutex<Book>);
+
+#[derive(Debug, Default)]
+struct Book {
+    next: u64,
+    taken: BTreeMap<u64, SeatView>,
+    changed: bool,
+}
+
+/// A seat that is taken as long as this lives.
+#[derive(Debug)]
+pub struct Seat {
+    seats: Arc<Seats>,
+    number: u64,
+}
+
+impl Seats {
+    fn book(&self) -> MutexGuard<'_, Book> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Somebody sits down.
+    #[must_use]
+    pub fn sit(self: &Arc<Self>, process: Option<u32>, sitting: Sitting) -> Seat {
+        let mut book = self.book();
+        book.next += 1;
+        let number = book.next;
+        book.taken.insert(number, SeatView { seat: number, process, sitting });
+        book.changed = true;
+        drop(book);
+        Seat { seats: Arc::clone(self), number }
+    }
+
+    /// Everybody who sits, in the order of sitting down.
+    #[must_use]
+    pub fn views(&self) -> Vec<SeatView> {
+        self.book().taken.values().cloned().collect()
+    }
+
+    /// Whether something changed since this was asked last.
+    pub(crate) fn take_change(&self) -> bool {
+        std::mem::take(&mut self.book().changed)
+    }
+}
+
+impl Seat {
+    /// Its number.
+    #[must_use]
+    pub const fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Whoever sits there has something else before them.
+    pub fn say(&self, sitting: Sitting) {
+        let mut book = self.seats.book();
+        let Some(view) = book.taken.get_mut(&self.number) else { return };
+        if view.sitting != sitting {
+            view.sitting = sitting;
+            book.changed = true;
+        }
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        let mut book = self.seats.book();
+        book.taken.remove(&self.number);
+        book.changed = true;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_goes_is_off_the_book_and_no_number_comes_twice() {
+        let seats = Arc::new(Seats::default());
+        let sitting = |view: &str| Sitting { view: view.to_owned(), ..Sitting::default() };
+        let (ana, bert) = (seats.sit(Some(1), sitting("overview")), seats.sit(None, sitting("audit")));
+        assert!(seats.take_change() && !seats.take_change());
+        ana.say(sitting("overview"));
+        assert!(!seats.take_change(), "nothing new was said");
+        bert.say(sitting("approvals"));
+        assert!(seats.take_change());
+        let views = |seats: &Seats| -> Vec<(u64, String)> {
+            seats.views().into_iter().map(|one| (one.seat, one.sitting.view)).collect()
+        };
+        assert_eq!(views(&seats), [(1, "overview".to_owned()), (2, "approvals".to_owned())]);
+        drop(ana);
+        let carl = seats.sit(Some(3), sitting("robot"));
+        assert_eq!((carl.number(), views(&seats).len()), (3, 2));
+    }
+}

@@ -1,0 +1,155 @@
+//! Several consoles at one engine: who is here, what each of them does, and what the end of one leaves to the others.
+
+use std::path::Path;
+
+use rustix::process::Signal;
+
+use crate::pty::{Console, Home};
+use crate::{
+    PASSPHRASE, SIZE, ask_about, asked, assert_restored, at_the_prompt, fill, fresh, is_up,
+    press_until_it_counts, quit, short_id, staffed, state_of, verified,
+};
+
+/// A console at an engine that is at work already.
+fn attach(home: &Home, more: &[&str]) -> Console {
+    let console = home.console(&[&["run", "--no-tour"], more].concat(), SIZE);
+    console.wait_for("it shows the engine", |screen| is_up(&screen.contents()));
+    console
+}
+
+#[test]
+fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
+    let home = Home::new();
+    let mut first = fresh(&home, &[]);
+    home.must(&["identity", "new", "mara", "--unprotected"]);
+    let mut refused = home.console(&["run", "--no-tour", "--seed", "7"], SIZE);
+    refused.wait_for_text("--seed is for the start of one");
+    assert_eq!(refused.end().exit_code(), 2);
+    let mut second = attach(&home, &["--as", "mara"]);
+    second.wait_for_text("with seat 1 (Overview)");
+    first.wait_for_text("with mara (Overview)");
+    second.keys("7");
+    first.wait_for_text("with mara (Audit)");
+    second.keys("1");
+    // What one of them does, the other sees.
+    second.keys("X");
+    first.wait_for_text("STOPPED by mara");
+    second.wait_for_text("STOPPED by mara");
+    home.must(&["go", "--as", "mara", "--reason", "the next key"]);
+    second.wait_for("it works again", |screen| !screen.contents().contains("STOPPED"));
+    second.keys(":pace 2\r");
+    second.wait_for("the answer came", |screen| screen.contents().contains("pace"));
+    // Leaving asks nothing and ends nothing.
+    second.keys("q");
+    assert_eq!(second.end().exit_code(), 0, "{}", second.contents());
+    assert!(second.contents().contains("left the engine at work"), "{}", second.contents());
+    assert_restored(&second);
+    first.wait_for("mara is gone", |screen| !screen.contents().contains("with mara"));
+    assert!(home.must(&["status"]).contains("sim"));
+    assert_eq!(quit(&mut first), 0);
+    verified(&home);
+}
+
+#[test]
+fn an_end_elsewhere_is_told_and_one_that_is_killed_leaves_its_seat() {
+    let home = Home::new();
+    let mut first = fresh(&home, &[]);
+    let mut second = attach(&home, &["--read-only"]);
+    first.wait_for_text("with seat 2");
+    let third = attach(&home, &[]);
+    first.wait_for_text("seat 3");
+    third.signal(Signal::KILL);
+    first.wait_for("seat 3 is free", |screen| !screen.contents().contains("seat 3"));
+    second.keys(":demo\r");
+    second.wait_for_text("read-only");
+    assert_eq!(quit(&mut first), 0);
+    second.wait_for_text("has ended");
+    second.keys("q");
+    second.end();
+    assert!(
+        second.contents().contains("the engine that this console was at is gone"),
+        "{}",
+        second.contents()
+    );
+}
+
+#[test]
+fn a_decision_at_another_seat_closes_the_question_and_says_whose_it_was() {
+    let home = asked();
+    let mut alice = at_the_prompt(&home, "alice");
+    let mut bob = attach(&home, &["--as", "bob"]);
+    bob.wait_for_text("1 wait");
+    bob.keys("a\r");
+    bob.wait_for_text("alice is reading this");
+    alice.wait_for_text("bob is reading this");
+    bob.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    bob.keys("N");
+    bob.keys("night shift is alone");
+    bob.wait_for_text("night shift is alone");
+    bob.keys("\t");
+    bob.keys("N");
+    bob.wait_for_text("Passphrase of bob");
+    bob.keys(PASSPHRASE);
+    press_until_it_counts(&mut bob, "\r");
+    alice.wait_for_text("bob rejected it");
+    alice.wait_for_text("CLOSED");
+    assert_eq!(state_of(&home, "align@1.1.0"), "rejected");
+    bob.keys("1q");
+    assert_eq!(bob.end().exit_code(), 0);
+    alice.keys("\r");
+    assert_eq!(quit(&mut alice), 0);
+    verified(&home);
+}
+
+/// A store in which a candidate that asks for more authority waits for two people.
+fn asked_two() -> Home {
+    let home = staffed();
+    let candidate = home.path().join("wider");
+    std::fs::create_dir(&candidate).unwrap();
+    for file in ["manifest.toml", "params.toml", "submission.toml"] {
+        let text = std::fs::read_to_string(Path::new("manifests/candidates/align-improved").join(file));
+        std::fs::write(candidate.join(file), text.unwrap().replace("authority = 1", "authority = 2"))
+            .unwrap();
+    }
+    ask_about(&home, candidate.to_str().unwrap(), "align@1.1.0");
+    home
+}
+
+/// Says yes to what is open, with the digits that it asks for.
+fn promote(console: &mut Console) {
+    let id = short_id(console);
+    fill(console, &id, "evidence read");
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.keys("Y");
+    console.wait_for_text("Passphrase of");
+    console.keys(PASSPHRASE);
+    console.keys("\r");
+}
+
+#[test]
+fn two_people_at_two_seats_let_a_version_in_together() {
+    let home = asked_two();
+    let mut alice = at_the_prompt(&home, "alice");
+    let mut bob = attach(&home, &["--as", "bob"]);
+    bob.wait_for_text("1 wait");
+    bob.keys("a\r");
+    bob.wait_for_text("alice is reading this");
+    promote(&mut bob);
+    // One of two is not enough, and the other one sees who was first.
+    alice.wait_for_text("bob");
+    assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
+    promote(&mut alice);
+    // At this pace it may be taken off again before anybody looks: that it was let in is what counts.
+    let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
+    while state_of(&home, "align@1.1.0") == "shadowed" {
+        assert!(std::time::Instant::now() < until, "{}", alice.contents());
+        std::thread::yield_now();
+    }
+    let granted = home.must(&["audit", "list", "--kind", "approval-put", "--json"]);
+    let by: Vec<bool> = ["alice", "bob"].map(|name| granted.contains(name)).to_vec();
+    assert_eq!((granted.lines().count(), by), (2, vec![true, true]), "{granted}");
+    bob.keys("1q");
+    assert_eq!(bob.end().exit_code(), 0);
+    assert_eq!(quit(&mut alice), 0);
+    verified(&home);
+}
