@@ -3,11 +3,12 @@
 use std::fmt::Write as _;
 
 use super::model::{ItemKey, Model, STORY_PANE, View};
+use super::words::standing;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
@@ -104,7 +105,7 @@ impl Model {
             .page
             .rows
             .iter()
-            .filter(|row| sieve.fits(&[&row.version, &row.author]))
+            .filter(|row| sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)]))
             .collect();
         let mut items = Vec::with_capacity(rows.len() + 8);
         for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
@@ -171,8 +172,12 @@ impl Model {
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
         let Some(snapshot) = &self.told.snapshot else { return Vec::new() };
         let mut sieve = Sieve::new(if self.place.view == View::Overview { self.filter() } else { "" });
-        let mut rows: Vec<&CandidateView> =
-            snapshot.candidates.iter().rev().filter(|row| sieve.fits(&[&row.version, &row.author])).collect();
+        let mut rows: Vec<&CandidateView> = snapshot
+            .candidates
+            .iter()
+            .rev()
+            .filter(|row| sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)]))
+            .collect();
         let settled = |candidate: &&CandidateView| {
             let flags = candidate.flags;
             let unsettled = flags.provisional || flags.restricted || flags.rollback_pending;
@@ -375,6 +380,12 @@ fn said_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
         keys.push(ItemKey::Said(format!("{mode} {}", said(item))));
     }
     keys
+}
+
+/// How a version stands, in words that are made only where a filter asks for them.
+fn stands(state: State, flags: &Flags) -> impl std::fmt::Display {
+    let flags = *flags;
+    std::fmt::from_fn(move |f| f.write_str(&standing(state, &flags)))
 }
 
 /// A filter: letters' case aside, what a text must contain. An empty one fits everything.

@@ -44,7 +44,12 @@ pub fn model() -> Model {
         "progress grasp@1.1.0 sandbox 137 of 480",
     ];
     for (seq, text) in (1u64..).zip(told) {
-        model.told.story.push_back(StoryLine { seq, at_ms: 720_000 + 8_000 * seq, text: text.to_owned() });
+        model.told.story.push_back(StoryLine {
+            seq,
+            at_ms: 720_000 + 8_000 * seq,
+            text: text.to_owned(),
+            sequences: 0,
+        });
     }
     model
 }

@@ -82,6 +82,8 @@ pub struct StoryLine {
     pub at_ms: u64,
     /// As the plain stream has it, without the time.
     pub text: String,
+    /// Sequences of the live cell that this line stands for, the last of them told; 0 for anything else.
+    pub sequences: u32,
 }
 
 /// The registry as the console last asked for it.

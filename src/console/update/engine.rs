@@ -42,7 +42,15 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
         if let EventKind::CellReleased { by, .. } = &event.kind {
             released(model, by);
         }
-        model.told.story.push_back(StoryLine { seq: event.seq, at_ms: event.at_ms, text });
+        let sequences = u32::from(matches!(event.kind, EventKind::Sequence { .. }));
+        let line = StoryLine { seq: event.seq, at_ms: event.at_ms, text, sequences };
+        // One sequence after the other is one line: what else happens must not be drowned by them.
+        match model.told.story.back_mut() {
+            Some(last) if sequences > 0 && last.sequences > 0 => {
+                *last = StoryLine { sequences: last.sequences.saturating_add(1), ..line };
+            }
+            _ => model.told.story.push_back(line),
+        }
         if model.told.story.len() > LOG_MAX {
             model.told.story.pop_front();
         }

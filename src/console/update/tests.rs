@@ -27,6 +27,7 @@ mod aim;
 mod alone;
 mod following;
 mod reading;
+mod seats;
 mod signing;
 mod stopping;
 mod typed;

@@ -22,7 +22,13 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let cursor = focused.then(|| model.row());
     pen.list(area, model.story().len(), cursor, |index, _| {
         model.story().iter().rev().nth(index).map_or_else(Row::new, |told| {
-            Row::of(ThemeRole::Muted, &format!("{}  ", seconds(told.at_ms))).with(ThemeRole::Text, &told.text)
+            let row = Row::of(ThemeRole::Muted, &format!("{}  ", seconds(told.at_ms)));
+            let row = row.with(ThemeRole::Text, &told.text);
+            if told.sequences > 1 {
+                row.with(ThemeRole::Muted, &format!("  and {} before it", told.sequences - 1))
+            } else {
+                row
+            }
         })
     });
 }

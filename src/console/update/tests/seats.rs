@@ -1,0 +1,124 @@
+//! Several consoles at one engine: what one of them says of itself, and what it shows of the others.
+
+use super::*;
+use crate::model::EngineLink;
+use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::seat::{SeatView, Sitting};
+
+fn event(seq: u64, kind: EventKind) -> Event {
+    Event { seq, at_ms: 60_000 + seq, kind }
+}
+
+fn seat(seat: u64, who: Option<&str>, reading: Option<&str>) -> SeatView {
+    let reading = reading.map(|version| version.parse().unwrap());
+    let who = who.map(ToOwned::to_owned);
+    SeatView {
+        seat,
+        process: None,
+        sitting: Sitting { who, view: "Alarms".to_owned(), reading, read_only: false },
+    }
+}
+
+fn with_seats(console: &mut TestConsole, seats: Vec<SeatView>) {
+    console.model.told.seat = Some(2);
+    console.tell(MsgKind::Snapshot(Arc::new(Snapshot { seats, ..snapshot(0, 'e') })));
+}
+
+#[test]
+fn a_console_says_where_it_is_and_which_question_it_reads() {
+    let mut console = TestConsole::new(0);
+    let said = |console: &TestConsole| (console.model.sitting().view, console.model.sitting().reading);
+    assert_eq!(console.model.sitting().who.as_deref(), Some("ana"));
+    assert_eq!(said(&console), ("Overview".to_owned(), None));
+    console.keys("a");
+    console.press(KeyCode::Enter);
+    assert_eq!(said(&console), ("Approvals".to_owned(), Some(CANDIDATE.parse().unwrap())));
+    // Once it is closed nobody reads it any more.
+    console.tell(MsgKind::Snapshot(Arc::new(Snapshot { prompts: Vec::new(), ..snapshot(0, 'e') })));
+    assert_eq!(said(&console).1, None);
+}
+
+#[test]
+fn others_are_everybody_but_this_seat() {
+    let mut console = TestConsole::new(0);
+    with_seats(
+        &mut console,
+        vec![seat(1, Some("bert"), None), seat(2, Some("ana"), None), seat(7, None, None)],
+    );
+    let others: Vec<u64> = console.model.told.others().map(|one| one.seat).collect();
+    assert_eq!(others, [1, 7]);
+    console.model.told.seat = None;
+    assert_eq!(console.model.told.others().count(), 0, "which seat is its own is not known yet");
+}
+
+#[test]
+fn an_answer_from_another_seat_is_named_in_the_open_question() {
+    let mut console = TestConsole::new(0);
+    console.keys("a");
+    console.press(KeyCode::Enter);
+    let answer = |version: &str| EventKind::ApprovalReceived {
+        version: version.parse().unwrap(),
+        by: "bert\u{1b}[2J".to_owned(),
+        decision: Answer::Reject,
+        reason: "no".to_owned(),
+        have: 0,
+        needed: 2,
+    };
+    let answered = |console: &TestConsole| match &console.model.entry.overlay {
+        Some(Overlay::Prompt(prompt)) => prompt.answered.clone(),
+        other => panic!("{other:?}"),
+    };
+    console.tell(MsgKind::Events(vec![event(1, answer("place@1.0.1"))]));
+    assert_eq!(answered(&console), None, "that was about another one");
+    console.tell(MsgKind::Events(vec![event(2, answer(CANDIDATE))]));
+    let said = answered(&console).unwrap();
+    assert!(
+        said.starts_with("bert") && said.ends_with("rejected it") && !said.contains('\u{1b}'),
+        "{said:?}"
+    );
+}
+
+#[test]
+fn leaving_ends_what_is_ones_own_and_nothing_else() {
+    for (link, quits, detaches) in [
+        (EngineLink::Own, None, None),
+        (EngineLink::Attached, Some(Effect::Leave), Some(Effect::Leave)),
+        (EngineLink::Launched, None, Some(Effect::Leave)),
+    ] {
+        let mut console = TestConsole::new(0);
+        console.model.told.link = link;
+        console.keys(":detach");
+        assert_eq!(console.press(KeyCode::Enter).pop(), detaches, "{link:?}");
+        if detaches.is_none() {
+            let notice = console.model.notice.as_ref().unwrap();
+            assert!(notice.bad && notice.text.contains("holdpoint serve"), "{notice:?}");
+        }
+        assert_eq!(console.keys("q").pop(), quits, "{link:?}");
+        // Where it would end the engine, it is asked first.
+        assert_eq!(console.model.entry.overlay.is_some(), quits.is_none(), "{link:?}");
+    }
+}
+
+#[test]
+fn sequences_do_not_drown_the_story() {
+    let mut console = TestConsole::new(0);
+    console.model.told.story.clear();
+    let sequence = |index| EventKind::Sequence { index, success: true, tasks: Vec::new(), refused: None };
+    let fault = || EventKind::Fault { text: "something else".to_owned() };
+    let mut events: Vec<Event> = (0..40).map(|index| event(index, sequence(index))).collect();
+    events.push(event(40, fault()));
+    events.push(event(41, sequence(41)));
+    console.tell(MsgKind::Events(events));
+    let lines: Vec<(u64, u32)> =
+        console.model.told.story.iter().map(|line| (line.seq, line.sequences)).collect();
+    assert_eq!(lines, [(39, 40), (40, 0), (41, 1)], "the newest of each run, and how many it stands for");
+}
+
+#[test]
+fn versions_are_found_by_how_they_stand() {
+    let mut console = TestConsole::new(0);
+    for (words, found) in [("awaiting", 1), ("shadowed", 1), ("rejected", 0), ("grasp", 1)] {
+        console.model.place.filters.insert(View::Overview, words.to_owned());
+        assert_eq!(console.model.pipeline_rows().len(), found, "{words}");
+    }
+}
