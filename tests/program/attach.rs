@@ -76,7 +76,9 @@ fn a_seat_takes_words_about_itself_and_nothing_else() {
     let long = "v".repeat(SEAT_BYTES_MAX + 1);
     let closed = |lines: &[&str]| -> String {
         let mut raw = Raw::connect(folder.path());
-        lines.iter().for_each(|line| raw.send(&format!("{line}\n")));
+        for line in lines {
+            raw.send(&format!("{line}\n"));
+        }
         while let Some(answer) = raw.read() {
             if answer["answer"] == "closed" {
                 return answer["text"].as_str().unwrap().to_owned();
@@ -111,8 +113,8 @@ fn what_is_asked_at_two_seats_is_told_apart() {
     };
     let (mut ana, mut bert) = (host("ana"), host("bert"));
     assert!(ana.is_attached());
-    let answered = |host: &mut Host, command: Command| loop {
-        host.ask(Request::unsigned("console-2".to_owned(), command.clone())).unwrap();
+    let answered = |host: &mut Host, command: Command| {
+        host.ask(Request::unsigned("console-2".to_owned(), command)).unwrap();
         loop {
             match host.updates.blocking_recv().unwrap() {
                 Update::Answer { id, reply } => {

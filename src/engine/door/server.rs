@@ -157,7 +157,7 @@ impl DoorServer {
                         Call::Attach { sitting } => {
                             let process = match caller {
                                 Caller::Process { process, .. } => process,
-                                _ => None,
+                                Caller::Script => None,
                             };
                             self.attend(reader, writer, process, sitting).await
                         }
