@@ -13,6 +13,9 @@ use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use crate::words::{duration, seconds};
 
+/// From so many columns on the views' line says who else is here.
+pub const OTHERS_NAMED_FROM: u16 = 100;
+
 /// Draws it. What was not known to be well stands first and is never cut off before what merely helps.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
@@ -99,8 +102,14 @@ fn identity(model: &Model) -> Vec<Row> {
         Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
         None => Row::of(ThemeRole::Warning, "  nobody: `:as NAME`"),
     };
-    match &model.told.snapshot {
-        Some(snapshot) => vec![who, Row::of(ThemeRole::Muted, &format!("  seed {}", snapshot.seed))],
-        None => vec![who],
+    let mut pieces = vec![who];
+    // Where the views' line has no room for them, others are counted here.
+    let others = model.told.others().count();
+    if others > 0 && model.size.0 < OTHERS_NAMED_FROM {
+        pieces.push(Row::of(ThemeRole::Text, &format!("  and {others} more")));
     }
+    if let Some(snapshot) = &model.told.snapshot {
+        pieces.push(Row::of(ThemeRole::Muted, &format!("  seed {}", snapshot.seed)));
+    }
+    pieces
 }

@@ -6,6 +6,7 @@
 
 use ratatui::layout::Rect;
 
+use super::banner::OTHERS_NAMED_FROM;
 use crate::look::ThemeRole;
 use crate::model::{Model, View};
 use crate::widgets::pen::Pen;
@@ -17,7 +18,7 @@ use unicode_width::UnicodeWidthStr as _;
 
 /// Draws the views' line.
 pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    let others = others(model);
+    let others = if model.size.0 < OTHERS_NAMED_FROM { Vec::new() } else { others(model) };
     let all = line(&View::ALL.map(|view| (key(view), view.title())), model.place.view as usize);
     let width = usize::from(area.width);
     if all.width() <= width {
@@ -49,7 +50,11 @@ fn others(model: &Model) -> Vec<String> {
     let whole: Vec<String> = others.iter().map(said).collect();
     let names: Vec<String> = others.iter().map(|one| seated(one)).collect();
     let count = others.len();
-    vec![format!("with {}", whole.join(", ")), format!("with {}", names.join(", ")), format!("+{count}")]
+    vec![
+        format!("with {}", whole.join(", ")),
+        format!("with {}", names.join(", ")),
+        format!("and {count} more"),
+    ]
 }
 
 /// The panes of the present view as a line; empty if there is one alone.

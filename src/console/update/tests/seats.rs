@@ -51,6 +51,25 @@ fn others_are_everybody_but_this_seat() {
     assert_eq!(console.model.told.others().count(), 0, "which seat is its own is not known yet");
 }
 
+/// What stands on the screen of such a size.
+fn screen(console: &TestConsole, columns: u16, rows: u16) -> String {
+    let model = Model { size: (columns, rows), ..console.model.clone() };
+    let area = Rect::new(0, 0, columns, rows);
+    let mut buffer = ratatui::buffer::Buffer::empty(area);
+    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+    crate::frame::draw(&model, &look, area, &mut buffer);
+    buffer.content.iter().map(ratatui::buffer::Cell::symbol).collect()
+}
+
+#[test]
+fn who_else_is_here_stands_on_every_size_of_screen() {
+    let mut console = TestConsole::new(0);
+    with_seats(&mut console, vec![seat(1, Some("bert"), Some(CANDIDATE)), seat(2, Some("ana"), None)]);
+    assert!(screen(&console, 120, 36).contains("with bert (reads grasp@1.3.0)"));
+    assert!(screen(&console, 100, 30).contains("with bert"));
+    assert!(screen(&console, 80, 24).contains("and 1 more"));
+}
+
 #[test]
 fn an_answer_from_another_seat_is_named_in_the_open_question() {
     let mut console = TestConsole::new(0);
