@@ -351,10 +351,19 @@ impl Capability {
         Senses::of(&self.manifest.permissions).confine(self.bundle.start(seed.number()))
     }
 
-    /// The stop time the version declares for its safe-abort hook, s; what it does not declare is not waited for.
+    /// Whether the rollback hook that it declares is one that its code has: what is not there cannot be called.
+    #[must_use]
+    pub fn has_rollback_hook(&self) -> bool {
+        let declared = self.manifest.recovery.rollback_hook.as_ref();
+        declared.is_some_and(|hook| self.bundle.interface().hooks.contains(hook))
+    }
+
+    /// The stop time the version declares for its safe-abort hook, s; what it does not declare, or its code does not have, is
+    /// not waited for.
     #[must_use]
     pub fn abort_secs(&self) -> f64 {
         let declared = self.manifest.recovery.safe_abort.as_ref();
+        let declared = declared.filter(|abort| self.bundle.interface().hooks.contains(&abort.hook));
         declared.map_or(0.0, |abort| f64::from(abort.stop_time_max_ms) / 1000.0)
     }
 }

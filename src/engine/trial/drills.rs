@@ -302,7 +302,7 @@ impl StartedDrill<'_, '_> {
     /// Lets the rollback hook work until it says it is done. The arm has to stand by then: who takes over a live arm
     /// that moves meets it where it is not.
     fn hand_over(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
-        if self.cast.version.manifest.recovery.rollback_hook.is_none() {
+        if !self.cast.version.has_rollback_hook() {
             return Ok(false);
         }
         skill.enter(Hook::Rollback);

@@ -317,7 +317,7 @@ fn rollback(
     let (mut skill, mut guard, _) = run.into_parts();
     let mut handle = arm.handle();
     witness.seen.hook_failed = true;
-    if judged.version.manifest.recovery.rollback_hook.is_some() {
+    if judged.version.has_rollback_hook() {
         skill.enter(Hook::Rollback);
         let mut verdict = GuardVerdict::Allowed;
         for _ in 0..HAND_OVER_TICKS {

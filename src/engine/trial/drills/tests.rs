@@ -385,6 +385,23 @@ fn a_rollback_hook_that_says_done_at_once_fails_where_something_was_to_be_done()
     check(&bench, &cast, "waits", &[(Rollback, WorkPhase::Contact, 0)]);
 }
 
+/// The code's own hook was called whatever the manifest named, and a version whose hook is not there was confirmed.
+#[test]
+fn a_hook_that_the_code_does_not_have_is_none() {
+    use DrillKind::{Abort, Rollback};
+    let bench = Bench::new();
+    let named = [
+        ("rollback_hook = \"rollback\"", "rollback_hook = \"retreat\""),
+        ("hook = \"safe-abort\"", "hook = \"brake\""),
+    ];
+    let version = bench.variant("grasp", &named);
+    assert!(!version.has_rollback_hook() && version.abort_secs() == 0.0);
+    let own = bench.version("grasp");
+    assert!(own.has_rollback_hook() && own.abort_secs() > 0.0);
+    let cast = Cast { version: &version, ..bench.cast(own) };
+    check(&bench, &cast, "grasp", &[(Rollback, WorkPhase::Lifting, 0), (Abort, WorkPhase::Lifting, 0)]);
+}
+
 #[test]
 fn a_rollback_hook_that_drops_the_object_fails() {
     use DrillKind::Rollback;
