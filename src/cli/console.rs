@@ -15,7 +15,7 @@ use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::model::EngineLink;
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{Cause, Console, ConsoleError, EngineAt};
-use holdpoint_engine::door::Client;
+use holdpoint_engine::door::{Client, DoorError, SHOWN_TO_NOBODY};
 use holdpoint_engine::embedded;
 use holdpoint_engine::host::{Host, HostConfig};
 use holdpoint_governance::ids::CapabilityId;
@@ -93,7 +93,14 @@ fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<Option<
         return Err(CliError::usage(Problem::new(problem).with_hint(hint)));
     }
     let sitting = Sitting { read_only: options.read_only, ..Sitting::default() };
-    Ok(Host::attach(layout.clone(), client, sitting).ok())
+    match Host::attach(layout.clone(), client, sitting) {
+        Ok(host) => Ok(Some(host)),
+        // Every seat may be taken: that is what has to be said, and not that no engine is at work.
+        Err(DoorError::Closed { path, text }) if text != SHOWN_TO_NOBODY => {
+            Err(CliError::usage(DoorError::Closed { path, text }))
+        }
+        Err(_) => Ok(None),
+    }
 }
 
 /// The keys: the defaults and what the operator's file adds.

@@ -240,13 +240,15 @@ impl Prompt {
     }
 
     /// Somebody's answer to this question was taken, here or at another seat.
-    pub fn note_answer(&mut self, version: &CapabilityId, by: &str, answer: Answer) {
+    pub fn note_answer(&mut self, version: &CapabilityId, by: &str, answer: Answer, is_enough: bool) {
         if *version == self.seen.version {
-            let did = match answer {
-                Answer::Approve => "promoted",
-                Answer::Reject => "rejected",
+            let by = Untrusted::new(by.to_owned()).line();
+            // One yes of two closes nothing: what closes the question then is something else.
+            self.answered = match (answer, is_enough) {
+                (Answer::Reject, _) => Some(format!("{by} rejected it")),
+                (Answer::Approve, true) => Some(format!("{by} approved it, which was enough")),
+                (Answer::Approve, false) => None,
             };
-            self.answered = Some(format!("{} {did} it", Untrusted::new(by.to_owned()).line()));
         }
     }
 

@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
 
-pub use attended::LiveViews;
+pub use attended::{LiveViews, SHOWN_TO_NOBODY};
 pub use classes::{ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
 pub use client::{Attachment, Client, Notification, Sayer, Shown, Subscription};
 pub use seats::{Seat, Seats};

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, is_name};
 
 /// The longest name of a person or a view, bytes.
 pub const SEAT_BYTES_MAX: usize = 64;
@@ -26,13 +26,15 @@ pub struct Sitting {
 }
 
 impl Sitting {
-    /// What is wrong with it: a name or a view that is too long or no plain text.
+    /// What is wrong with it: a name that could be no identity's, so that it cannot be a sentence on somebody's screen, or a
+    /// view that is too long or no plain text.
     #[must_use]
     pub fn problem(&self) -> Option<String> {
-        let bad = |text: &str| text.len() > SEAT_BYTES_MAX || text.chars().any(char::is_control);
-        let named = [("who", self.who.as_deref()), ("view", Some(self.view.as_str()))];
-        let (field, _) = named.into_iter().find(|(_, text)| text.is_some_and(bad))?;
-        Some(format!("{field} has at most {SEAT_BYTES_MAX} bytes of plain text"))
+        if self.who.as_deref().is_some_and(|who| !is_name(who)) {
+            return Some("who is a name: 1 to 64 characters of a-z, 0-9, '.', '_' and '-'".to_owned());
+        }
+        let bad = self.view.len() > SEAT_BYTES_MAX || self.view.chars().any(char::is_control);
+        bad.then(|| format!("view has at most {SEAT_BYTES_MAX} bytes of plain text"))
     }
 }
 
@@ -62,7 +64,12 @@ mod tests {
         };
         assert_eq!(sitting("bert", "overview").problem(), None);
         assert_eq!(Sitting::default().problem(), None);
-        for (who, view, field) in [("a\u{1b}[2J", "overview", "who"), ("bert", &"v".repeat(65), "view")] {
+        for (who, view, field) in [
+            ("a\u{1b}[2J", "overview", "who"),
+            ("ana promoted it; nobody", "overview", "who"),
+            ("", "overview", "who"),
+            ("bert", &"v".repeat(65), "view"),
+        ] {
             assert!(sitting(who, view).problem().is_some_and(|text| text.starts_with(field)));
         }
     }

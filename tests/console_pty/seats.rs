@@ -118,6 +118,11 @@ fn asked_two() -> Home {
 /// Says yes to what is open, with the digits that it asks for.
 fn promote(console: &mut Console) {
     let id = short_id(console);
+    // Who else reads it takes a line: what does not fit beside it has to be read as well.
+    for _ in 0..3 {
+        console.keys("\x1b[6~");
+    }
+    console.wait_for("all of it was read", |screen| !screen.contents().contains("lines unread"));
     fill(console, &id, "evidence read");
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys("Y");

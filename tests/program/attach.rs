@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use holdpoint::body::rehearsal::{DriftKind, Magnitude};
 use holdpoint::engine::door::{Attachment, Client, Shown};
 use holdpoint::engine::host::{Host, Update};
 use holdpoint::protocol::command::{Command, Reply, Request};
@@ -94,7 +95,7 @@ fn a_seat_takes_words_about_itself_and_nothing_else() {
         (vec![&format!(r#"{{"call":"attach","sitting":{{"view":"{long}"}}}}"#)], "view has at most"),
         (
             vec![attach, &format!(r#"{{"call":"sit","sitting":{{"view":"","who":"{long}"}}}}"#)],
-            "who has at most",
+            "who is a name",
         ),
     ] {
         assert!(closed(&lines).contains(text), "{lines:?}");
@@ -132,6 +133,32 @@ fn what_is_asked_at_two_seats_is_told_apart() {
     assert!(matches!(answered(&mut bert, stop), Reply::Accepted { .. }));
 }
 
+/// A stop waited behind what the same console had asked before, which was answered after the sequence alone.
+#[test]
+fn a_stop_waits_for_nothing_that_was_asked_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut front = Front::start(folder.path(), Some(0.05));
+    front.picture(|_| true);
+    let layout = Layout::new(folder.path());
+    let client = Client::connect(&layout).unwrap().unwrap();
+    let mut host = Host::attach(layout.clone(), client, sitting("ana", "Overview")).unwrap();
+    let drift = Command::Drift { kind: Some(DriftKind::SensorNoise), magnitude: Some(Magnitude::Mild) };
+    host.ask(Request::unsigned("slow".to_owned(), drift)).unwrap();
+    let stop = Command::Stop { by: "ana".to_owned(), reason: String::new() };
+    host.ask(Request::unsigned("stop".to_owned(), stop)).unwrap();
+    loop {
+        match host.updates.blocking_recv().unwrap() {
+            Update::Answer { id, reply } => {
+                assert_eq!(id, "stop", "{reply:?}");
+                assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+                break;
+            }
+            Update::Ended(ended) => panic!("{ended:?}"),
+            _ => {}
+        }
+    }
+}
+
 /// The engine works for nobody's eyes: fifty that look on change nothing of an evaluation, and one that reads nothing of it
 /// gets what is newest once it reads.
 #[test]
@@ -139,7 +166,7 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), Some(1.0));
     let attach = |number: usize| {
-        client(folder.path()).attach(sitting(&format!("looker {number}"), "Overview")).unwrap()
+        client(folder.path()).attach(sitting(&format!("looker-{number}"), "Overview")).unwrap()
     };
     let mut sleeper = attach(0);
     let package = capability::read(std::path::Path::new("manifests/candidates/grasp-hard-grip")).unwrap();
@@ -173,5 +200,5 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     let now = front.snapshot();
     assert!(now.candidates.iter().all(|one| one.state.is_terminal()), "it was judged");
     let fresh = snapshot(&mut sleeper, |snapshot| snapshot.at_ms >= now.at_ms);
-    assert!(fresh.seats.iter().any(|one| one.sitting.who.as_deref() == Some("looker 0")));
+    assert!(fresh.seats.iter().any(|one| one.sitting.who.as_deref() == Some("looker-0")));
 }

@@ -30,10 +30,12 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
         if let EventKind::CellStopped { by, .. } = &event.kind {
             operating::stopped_again(model, by, event.at_ms);
         }
-        if let (EventKind::ApprovalReceived { version, by, decision, .. }, Some(Overlay::Prompt(prompt))) =
-            (&event.kind, &mut model.entry.overlay)
+        if let (
+            EventKind::ApprovalReceived { version, by, decision, have, needed, .. },
+            Some(Overlay::Prompt(prompt)),
+        ) = (&event.kind, &mut model.entry.overlay)
         {
-            prompt.note_answer(version, by, *decision);
+            prompt.note_answer(version, by, *decision, have >= needed);
         }
         if !matches!(event.kind, EventKind::Sequence { .. }) {
             model.asking.changes += 1;

@@ -121,7 +121,8 @@ fn readers(model: &Model, prompt: &Prompt) -> String {
     match names.as_slice() {
         [] => String::new(),
         [one] => format!("{one} is reading this"),
-        several => format!("{} are reading this", several.join(", ")),
+        [one, two] => format!("{one} and {two} are reading this"),
+        [one, two, more @ ..] => format!("{one}, {two} and {} more are reading this", more.len()),
     }
 }
 

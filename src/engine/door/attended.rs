@@ -22,6 +22,10 @@ use holdpoint_protocol::wire::{self, Answer, Call};
 /// The most changes of a seat that wait to be read.
 const SITTINGS_MAX: usize = 8;
 
+/// What a connection is told that wants a seat where there are none.
+pub const SHOWN_TO_NOBODY: &str =
+    "this engine shows itself to nobody: it works for a script or a plain stream";
+
 /// What is shown to whoever is attached: the same that the front end beside the engine is shown.
 #[derive(Clone, Debug)]
 pub struct LiveViews {
@@ -105,8 +109,7 @@ impl DoorServer {
             return write(&mut writer, &Answer::Closed { text }).await;
         }
         let Some(mut views) = self.shown.views() else {
-            let text =
-                "this engine shows itself to nobody: it works for a script or a plain stream".to_owned();
+            let text = SHOWN_TO_NOBODY.to_owned();
             return write(&mut writer, &Answer::Closed { text }).await;
         };
         let seat = self.seats.sit(process, sitting);

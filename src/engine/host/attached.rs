@@ -74,25 +74,29 @@ impl Attached {
         self.seat
     }
 
-    /// As [`super::Host::ask`]. What stops the arm goes over a connection of its own.
+    /// As [`super::Host::ask`]. What stops the arm or tightens what acts goes over a connection of its own: what was asked
+    /// before it may be answered late.
     pub(super) fn ask(&self, request: Request) -> Result<(), NotTaken> {
         let stops = matches!(request.command, Command::Stop { .. });
-        if !take_place(&self.outstanding) && !stops {
+        let placed = take_place(&self.outstanding);
+        if !placed && !stops {
             return Err(NotTaken::Busy(Box::new(request)));
         }
-        if request.command.stops_the_arm() {
+        if request.command.stops_what_acts() || request.command.stops_the_arm() {
             let (layout, told, places) =
                 (self.layout.clone(), self.told.clone(), Arc::clone(&self.outstanding));
             let (alone, own) = (request.clone(), self.own.clone());
             let spawned = std::thread::Builder::new().name("attached-stop".to_owned()).spawn(move || {
-                answer(&mut None, (&layout, &own), alone, &told, &places);
+                answer(&mut None, (&layout, &own), alone, &told, placed.then_some(&*places));
             });
             if spawned.is_ok() {
                 return Ok(());
             }
         }
         self.requests.try_send(request).map_err(|refused| {
-            give_place_back(&self.outstanding);
+            if placed {
+                give_place_back(&self.outstanding);
+            }
             match refused {
                 TrySendError::Full(request) => NotTaken::Busy(Box::new(request)),
                 TrySendError::Disconnected(request) => NotTaken::Ended(Box::new(request)),
@@ -153,7 +157,7 @@ fn pass_on(
 ) {
     let mut client = None;
     while let Ok(request) = asked.recv() {
-        answer(&mut client, to, request, told, places);
+        answer(&mut client, to, request, told, Some(places));
     }
 }
 
@@ -162,12 +166,14 @@ fn answer(
     (layout, own): (&Layout, &Nonce),
     request: Request,
     told: &mpsc::Sender<Update>,
-    places: &AtomicUsize,
+    places: Option<&AtomicUsize>,
 ) {
     let id = request.id.clone();
     let sent = Request { id: format!("{}-{id}", own.as_str()), ..request };
     let reply = ask(client, layout, sent).unwrap_or_else(|error| Reply::refused(Refusal::NotNow, &error));
-    give_place_back(places);
+    if let Some(places) = places {
+        give_place_back(places);
+    }
     // Nobody may be left to be told.
     drop(told.blocking_send(Update::Answer { id, reply }));
 }

@@ -83,6 +83,14 @@ fn an_answer_from_another_seat_is_named_in_the_open_question() {
         have: 0,
         needed: 2,
     };
+    let yes = |have| EventKind::ApprovalReceived {
+        version: CANDIDATE.parse().unwrap(),
+        by: "carl".to_owned(),
+        decision: Answer::Approve,
+        reason: "read".to_owned(),
+        have,
+        needed: 2,
+    };
     let answered = |console: &TestConsole| match &console.model.entry.overlay {
         Some(Overlay::Prompt(prompt)) => prompt.answered.clone(),
         other => panic!("{other:?}"),
@@ -95,6 +103,10 @@ fn an_answer_from_another_seat_is_named_in_the_open_question() {
         said.starts_with("bert") && said.ends_with("rejected it") && !said.contains('\u{1b}'),
         "{said:?}"
     );
+    console.tell(MsgKind::Events(vec![event(3, yes(1))]));
+    assert_eq!(answered(&console), None, "one of two closes nothing");
+    console.tell(MsgKind::Events(vec![event(4, yes(2))]));
+    assert_eq!(answered(&console).as_deref(), Some("carl approved it, which was enough"));
 }
 
 #[test]
