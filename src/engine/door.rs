@@ -283,7 +283,12 @@ impl Door {
         let id = request.id.clone();
         // Whoever asked may be gone; what was asked is done all the same.
         match engine.offer_for(request, caller) {
-            Some(reply) => drop(answer.send(reply)),
+            Some(mut reply) => {
+                if let Reply::Snapshot { snapshot } = &mut reply {
+                    snapshot.seats = self.seats.views();
+                }
+                drop(answer.send(reply));
+            }
             None => self.later.push((id, answer)),
         }
     }

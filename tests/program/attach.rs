@@ -52,6 +52,11 @@ fn whoever_sits_down_is_shown_everything_and_seen_by_the_others() {
     let shown = snapshot(&mut bert, |snapshot| seated(snapshot) == both);
     let process = shown.seats.iter().find(|one| one.seat == own).and_then(|one| one.process);
     assert_eq!(process, Some(std::process::id()), "whose it is, the system says");
+    // Whoever asks without a seat is told the same.
+    let Reply::Snapshot { snapshot: asked } = client(folder.path()).ask(Command::Snapshot).unwrap() else {
+        panic!("no snapshot")
+    };
+    assert_eq!(seated(&asked), both);
     // A word of one of them reaches the other, and so does the end of it.
     let mut says = bert.sayer().unwrap();
     says.say(sitting("bert", "Approvals"));
