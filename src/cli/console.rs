@@ -12,7 +12,6 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_console::keymap::{self, Keymap};
-use holdpoint_console::model::EngineLink;
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{Cause, Console, ConsoleError, EngineAt};
 use holdpoint_engine::door::{Client, DoorError, SHOWN_TO_NOBODY};
@@ -42,7 +41,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
     let keymap = Arc::new(keymap()?);
     let layout = Layout::new(&context.data);
     let engine = match at_work(&layout, args, &options)? {
-        Some(host) => EngineAt::Elsewhere(Box::new(host), EngineLink::Attached),
+        Some(host) => EngineAt::Elsewhere(Box::new(host)),
         None => EngineAt::Here(HostConfig {
             data: context.data.clone(),
             profile: args.engine.profile(&context.data)?,

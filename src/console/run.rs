@@ -23,7 +23,7 @@ use self::session::Session;
 use super::effects::ReadCandidate;
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
-use super::model::{ConsoleSettings, EngineLink, Model};
+use super::model::{ConsoleSettings, Model};
 use super::options::Options;
 use super::terminal::guard::RunningGuard;
 use super::terminal::log::{LogFile, state_folder};
@@ -36,8 +36,8 @@ use holdpoint_text::Hint;
 pub enum EngineAt {
     /// One that starts with the console, in its process.
     Here(HostConfig),
-    /// One that is at work in another process, and whose it is.
-    Elsewhere(Box<Host>, EngineLink),
+    /// One that is at work in another process.
+    Elsewhere(Box<Host>),
 }
 
 /// What a console is started with.

@@ -16,10 +16,12 @@ pub fn seconds(at_ms: u64) -> String {
 /// Who sits at a seat: the name they chose, or the seat's number.
 #[must_use]
 pub fn seated(seat: &SeatView) -> String {
-    match &seat.sitting.who {
+    let who = match &seat.sitting.who {
         Some(name) => Untrusted::new(name.clone()).line().into_string(),
         None => format!("seat {}", seat.seat),
-    }
+    };
+    // Whoever only looks on decides nothing.
+    if seat.sitting.read_only { format!("{who}, read-only") } else { who }
 }
 
 /// A duration: `950 ms`, `12 s`, `4 min 5 s`, `3 h 2 min`.

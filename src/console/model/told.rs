@@ -68,10 +68,8 @@ pub enum EngineLink {
     /// This process's: it ends with the console.
     #[default]
     Own,
-    /// At work before the console came: it works on when the console goes.
+    /// Another process's, at work before the console came: it works on when the console goes.
     Attached,
-    /// Started for this console, in a process of its own: quitting ends it, detaching leaves it at work.
-    Launched,
 }
 
 /// A line of the engine's story, sanitised.

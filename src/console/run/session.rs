@@ -107,8 +107,8 @@ impl Session {
         let mut model = model;
         let host = match parts.engine {
             EngineAt::Here(config) => Host::start(config),
-            EngineAt::Elsewhere(host, link) => {
-                model.told.link = link;
+            EngineAt::Elsewhere(host) => {
+                model.told.link = EngineLink::Attached;
                 *host
             }
         };
@@ -392,7 +392,7 @@ impl Session {
         drop(guard);
         match (&ended, model.told.link) {
             (Some(Ok(())), _) if left && came_up => return farewell::at_work(cause),
-            (Some(Err(why)), EngineLink::Attached | EngineLink::Launched) if came_up => {
+            (Some(Err(why)), EngineLink::Attached) if came_up => {
                 return farewell::ended_elsewhere(cause, why);
             }
             _ => {}

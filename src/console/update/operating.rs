@@ -485,9 +485,6 @@ pub(super) fn detach(model: &mut Model) -> Vec<Effect> {
 /// What the engine does when the program ends.
 fn quit_lines(model: &Model) -> Vec<String> {
     let mut lines = vec!["The engine ends in good order; nothing is approved or activated by it".to_owned()];
-    if model.told.link == EngineLink::Launched {
-        lines.push("`:detach` leaves it at work instead, and `holdpoint` comes back to it".to_owned());
-    }
     let others = model.told.others().count();
     if others > 0 {
         lines.push(format!("{others} more at this engine lose it"));

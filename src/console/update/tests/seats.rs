@@ -68,6 +68,10 @@ fn who_else_is_here_stands_on_every_size_of_screen() {
     assert!(screen(&console, 120, 36).contains("with bert (reads grasp@1.3.0)"));
     assert!(screen(&console, 100, 30).contains("with bert"));
     assert!(screen(&console, 80, 24).contains("and 1 more"));
+    let mut looks_on = seat(1, Some("bert"), None);
+    looks_on.sitting.read_only = true;
+    with_seats(&mut console, vec![looks_on, seat(2, Some("ana"), None)]);
+    assert!(screen(&console, 120, 36).contains("with bert, read-only (Alarms)"));
 }
 
 #[test]
@@ -111,11 +115,9 @@ fn an_answer_from_another_seat_is_named_in_the_open_question() {
 
 #[test]
 fn leaving_ends_what_is_ones_own_and_nothing_else() {
-    for (link, quits, detaches) in [
-        (EngineLink::Own, None, None),
-        (EngineLink::Attached, Some(Effect::Leave), Some(Effect::Leave)),
-        (EngineLink::Launched, None, Some(Effect::Leave)),
-    ] {
+    for (link, quits, detaches) in
+        [(EngineLink::Own, None, None), (EngineLink::Attached, Some(Effect::Leave), Some(Effect::Leave))]
+    {
         let mut console = TestConsole::new(0);
         console.model.told.link = link;
         console.keys(":detach");
