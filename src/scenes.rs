@@ -3,8 +3,9 @@
 use std::net::SocketAddr;
 use std::path::Path;
 
+use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::MakeSink;
-use holdpoint_recordings::recording::Recording;
+use holdpoint_recordings::recording::{About, Recording};
 
 use crate::error::CliError;
 
@@ -73,6 +74,24 @@ pub fn read(path: &Path) -> Result<Recording, CliError> {
 #[cfg(feature = "rerun")]
 pub fn until(path: &Path, tick: u64, out: &Path) -> Result<(), CliError> {
     holdpoint_scene::until(path, tick, out).map_err(CliError::usage)
+}
+
+/// Writes a piece of an evaluation as a recording of its own.
+///
+/// # Errors
+/// If it cannot be written, or this program was built without scenes.
+#[cfg(feature = "rerun")]
+pub fn write_film(path: &Path, about: About, film: &Film) -> Result<(), CliError> {
+    holdpoint_scene::film::write(path, about, film).map_err(CliError::usage)
+}
+
+/// Refuses.
+///
+/// # Errors
+/// Always: scenes are not built in.
+#[cfg(not(feature = "rerun"))]
+pub fn write_film(_path: &Path, _about: About, _film: &Film) -> Result<(), CliError> {
+    Err(not_built_in())
 }
 
 /// Refuses.

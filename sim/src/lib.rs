@@ -12,6 +12,7 @@ pub mod envelope;
 pub mod episode;
 pub mod error;
 pub mod fault;
+pub mod film;
 pub mod pool;
 pub mod rng;
 pub mod robot;

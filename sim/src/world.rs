@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::episode::{EpisodeSetup, Start};
 use crate::error::SimError;
 use crate::fault::InjectedFault;
+use crate::film::Film;
 use crate::perception::sensor_errors;
 use crate::readout::{self, ContactForces, JointState};
 use crate::reduced::Reduced;
@@ -49,6 +50,8 @@ pub struct World {
     stepper: Stepper,
     state: WorldState,
     observation: Observation,
+    /// What it shows, while somebody films it.
+    pub(crate) film: Option<Box<Film>>,
 }
 
 /// True state, for drawing, inspection and tests. Neither skill nor governance sees it.
@@ -102,7 +105,7 @@ impl World {
         let state = WorldState::new(&robot, &scene, &setup)?;
         let observation = blank_observation(robot.geometry.joint_count());
         let stepper = Stepper::new(config.fidelity, &robot, &state.physics, &state.handles, true);
-        let mut world = Self { robot, scene, config, stepper, state, observation };
+        let mut world = Self { robot, scene, config, stepper, state, observation, film: None };
         world.settle_start()?;
         Ok(world)
     }
@@ -114,7 +117,9 @@ impl World {
     pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), SimError> {
         self.state = WorldState::new(&self.robot, &self.scene, setup)?;
         self.prepare();
-        self.settle_start()
+        self.settle_start()?;
+        self.restart_film();
+        Ok(())
     }
 
     /// The robot.
@@ -237,6 +242,7 @@ impl World {
         self.physics_tick()?;
         self.state.tick += 1;
         self.sense();
+        self.keep_frame();
         Ok(())
     }
 
@@ -262,6 +268,12 @@ impl World {
             picture_age_ticks: s.camera.age_ticks(s.tick),
             tool_available: o.tool_available,
         }
+    }
+
+    /// Joint torques as measured, N m.
+    #[must_use]
+    pub const fn torques(&self) -> &JointVec {
+        &self.observation.tau
     }
 
     /// True state.

@@ -4,6 +4,7 @@
 //! recording or a store.
 
 mod cut;
+mod episode;
 mod segments;
 
 use std::ffi::OsString;
@@ -14,6 +15,7 @@ use std::time::Duration;
 use clap::Args;
 use serde_json::json;
 
+use self::episode::Which;
 use super::recordings::{check, on_record};
 use super::run::ColorArg;
 use crate::cli::context::CliContext;
@@ -26,6 +28,7 @@ use holdpoint_console::replay::{ReplayError, ReplayOptions, print, run as run_in
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_recordings::folder::{self, Filed};
+use holdpoint_recordings::recording::Recording;
 use holdpoint_recordings::viewer;
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
@@ -43,12 +46,32 @@ Examples:
   holdpoint replay grasp@1.1.0
   holdpoint replay grasp@1.1.0 --terminal --to 28800
   holdpoint replay grasp@1.1.0 --json
+  holdpoint replay grasp@1.1.0 --episode worst --terminal
+  holdpoint replay grasp@1.1.0 --drill 3 --rrd drill.rrd
   holdpoint replay recordings/accepted.rrd --plain
   holdpoint replay recordings/accepted.rrd --to 28800 --out early.rrd")]
 pub struct ReplayArgs {
     /// A version, e.g. grasp@1.1.0, or a recording's file.
     #[arg(value_name = "UPGRADE", value_parser = parse_upgrade)]
     pub upgrade: Wanted,
+    /// A paired episode of its sandbox, by its number or the worst, worked again beside the active version.
+    #[arg(long, value_name = "N|worst", value_parser = episode::parse_which, conflicts_with_all = ["to", "out"])]
+    pub episode: Option<Which>,
+    /// As --episode, of the drills that it failed.
+    #[arg(long, value_name = "N|worst", value_parser = episode::parse_which,
+        conflicts_with_all = ["to", "out", "episode"])]
+    pub drill: Option<Which>,
+    /// As --episode, of those that it worked alone before it was compared.
+    #[arg(long, value_name = "N|worst", value_parser = episode::parse_which,
+        conflicts_with_all = ["to", "out", "episode", "drill"])]
+    pub alone: Option<Which>,
+    /// As --episode, of its confirmation.
+    #[arg(long, value_name = "N|worst", value_parser = episode::parse_which,
+        conflicts_with_all = ["to", "out", "episode", "drill", "alone"])]
+    pub confirmation: Option<Which>,
+    /// Writes that piece of work to a file for the viewer, with joint angles and torques as columns.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["terminal", "plain"])]
+    pub rrd: Option<PathBuf>,
     /// Up to this moment: 240 ticks are a second of virtual time. The terminal begins there.
     #[arg(long, value_name = "TICK")]
     pub to: Option<u64>,
@@ -128,6 +151,13 @@ fn replay(
     around: &Surroundings,
     out: &mut Output<'_>,
 ) -> Result<Exit, CliError> {
+    if let Some(asked) = episode::asked(args) {
+        return episode::run(context, args, asked, around.has_terminal, out);
+    }
+    if args.rrd.is_some() {
+        return Err(CliError::usage("--rrd writes a piece of an evaluation")
+            .with_hint("name it: --episode, --drill, --alone or --confirmation"));
+    }
     let files = files(context, &args.upgrade)?;
     let problems = problems(&files)?;
     for problem in &problems {
@@ -220,6 +250,11 @@ fn lines(files: &[PathBuf], to: Option<u64>, out: &mut Output<'_>) -> Result<(),
 }
 
 fn in_terminal(files: &[PathBuf], args: &ReplayArgs) -> Result<(), CliError> {
+    play(segments::read(files)?, args)
+}
+
+/// Plays a recording in this terminal.
+fn play(recording: Recording, args: &ReplayArgs) -> Result<(), CliError> {
     let flags = CommandLineFlags {
         theme: args.theme.clone(),
         color: args.color.map(Into::into),
@@ -232,7 +267,7 @@ fn in_terminal(files: &[PathBuf], args: &ReplayArgs) -> Result<(), CliError> {
         console: Options::new(flags, super::console::settings()?),
         themes: super::settings::themes()?,
     };
-    run_in_terminal(segments::read(files)?, options).map_err(|error| match &error {
+    run_in_terminal(recording, options).map_err(|error| match &error {
         ReplayError::Failed => CliError::internal(error),
         ReplayError::Theme(_) | ReplayError::Empty(_) | ReplayError::Terminal(_) => CliError::usage(error),
     })

@@ -85,6 +85,7 @@ impl Side {
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
             Reply::Accepted { .. }
             | Reply::Detail { .. }
+            | Reply::Film { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
             | Reply::Verified { .. } => Err(CliError::internal("the engine answered without a snapshot")),
@@ -138,6 +139,7 @@ fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
         Reply::Refused { code, text, hint } => Err(refused(*code, text, hint.as_deref())),
         Reply::Snapshot { .. }
         | Reply::Detail { .. }
+        | Reply::Film { .. }
         | Reply::Registry { .. }
         | Reply::Audit { .. }
         | Reply::Verified { .. } => {

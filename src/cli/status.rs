@@ -321,6 +321,7 @@ impl Source<'_> {
                 Reply::Accepted { .. }
                 | Reply::Refused { .. }
                 | Reply::Detail { .. }
+                | Reply::Film { .. }
                 | Reply::Registry { .. }
                 | Reply::Audit { .. }
                 | Reply::Verified { .. },

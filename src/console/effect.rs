@@ -11,6 +11,7 @@ use holdpoint_body::rehearsal::Drift;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::film::FilmAsked;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
@@ -74,6 +75,11 @@ pub enum Question {
         /// Whose name contains this.
         text: String,
     },
+    /// A piece of a version's evaluation, worked again.
+    Film {
+        version: CapabilityId,
+        asked: FilmAsked,
+    },
     /// The log, the newest first.
     Audit {
         /// About this alone; empty for all.
@@ -113,6 +119,7 @@ impl Question {
         match self {
             Self::Detail(_) => AskedFor::Detail,
             Self::Registry { .. } => AskedFor::Registry,
+            Self::Film { .. } => AskedFor::Film,
             Self::Audit { .. } => AskedFor::Audit,
             Self::Verify => AskedFor::Verification,
             Self::Acknowledge { .. } | Self::Unshelve { .. } => AskedFor::Alarm,
@@ -128,6 +135,7 @@ impl Question {
         match self {
             Self::Detail(version) => Command::Detail { version },
             Self::Registry { group, text } => Command::Registry { group, text, offset: 0, limit: PAGE_ROWS },
+            Self::Film { version, asked } => Command::Film { version, asked },
             Self::Audit { subject } => Command::Audit { before: None, subject, limit: AUDIT_ROWS },
             Self::Verify => Command::VerifyAudit,
             Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },

@@ -51,6 +51,8 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
             let body = under(model, &mut pen, body);
             views::form::draw(model, form, &mut pen, body);
         }
+        Some(Overlay::Why(screen)) => views::why::draw(model, screen, &mut pen, body),
+        Some(Overlay::Film(watched)) => views::film::draw(watched, &mut pen, body),
         None => {
             under(model, &mut pen, body);
         }

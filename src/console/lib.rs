@@ -18,6 +18,7 @@ pub mod msg;
 pub mod operator;
 pub mod options;
 pub mod palette;
+pub mod player;
 pub mod prompt;
 mod prompt_text;
 pub mod replay;

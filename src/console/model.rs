@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 pub use asking::{AskedFor, Asking, PendingRequest};
-pub use entry::{Overlay, Typed, Typing};
+pub use entry::{Overlay, Typed, Typing, Watched, WhyScreen};
 pub use place::{Frozen, ItemKey, ListCursor, STORY_PANE, View, ViewState};
 pub use told::{Absence, EngineLink, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 
@@ -106,6 +106,12 @@ impl Model {
             reading,
             read_only: self.settings.read_only,
         }
+    }
+
+    /// Whether something on the screen moves by itself.
+    #[must_use]
+    pub fn plays(&self) -> bool {
+        matches!(&self.entry.overlay, Some(Overlay::Film(watched)) if watched.player.runs())
     }
 
     /// What charts show: the frozen picture if there is one.

@@ -123,6 +123,7 @@ impl Prompt {
             .iter()
             .filter(|reason| !is_in_favour(reason.code) && reason.code != ReasonCode::ApprovalPending);
         lines.extend(open.take(REASONS_MAX).map(|reason| format!("Asked because: {}", reason_line(reason))));
+        lines.extend(self.seen.why.iter().map(|line| format!("Why: {line}")));
         lines.push(format!("Evidence digest {}", self.seen.evidence.short()));
     }
 }

@@ -10,6 +10,7 @@ mod moving;
 mod operating;
 mod overlays;
 mod typing;
+mod why;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
@@ -121,7 +122,10 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::EndAsked => vec![Effect::End],
-        MsgKind::Tick => asking::refresh(model),
+        MsgKind::Tick => {
+            why::pass(model);
+            asking::refresh(model)
+        }
     }
 }
 
@@ -151,6 +155,8 @@ fn on_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Palette(_)) => overlays::palette_key(model, key),
         Some(Overlay::Prompt(_)) => overlays::prompt_key(model, key, action),
         Some(Overlay::Form(_)) => overlays::form_key(model, key, action),
+        Some(Overlay::Why(_)) => why::why_key(model, key, action),
+        Some(Overlay::Film(_)) => why::film_key(model, key, action),
         None => action.map_or_else(Vec::new, |action| act(model, action)),
     }
 }

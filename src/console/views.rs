@@ -8,6 +8,7 @@ pub mod banner;
 pub mod candidate;
 mod candidate_rows;
 pub mod families;
+pub mod film;
 pub mod form;
 pub mod hints;
 pub mod overview;
@@ -22,6 +23,7 @@ pub mod story;
 pub mod tabs;
 pub mod tiny;
 pub mod tour;
+pub mod why;
 
 use ratatui::layout::Rect;
 

@@ -5,7 +5,7 @@
 use holdpoint_approvals::{Persons, keyfile};
 use holdpoint_body::TaskKind;
 use holdpoint_governance::composition;
-use holdpoint_governance::condition::people_needed;
+use holdpoint_governance::condition::{Condition, people_needed};
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::{Digest, Family};
@@ -43,6 +43,12 @@ pub fn terms_of(
 pub fn measured_terms_of(context: &Context, dossiers: &Dossiers, capability: &Capability) -> SkillTerms {
     let dossier = dossiers.of(&capability.id());
     let conditions = dossier.map(|dossier| dossier.conditions.as_slice()).unwrap_or_default();
+    terms_under(context, capability, conditions)
+}
+
+/// What a version is measured under where it has these conditions of use.
+#[must_use]
+pub fn terms_under(context: &Context, capability: &Capability, conditions: &[Condition]) -> SkillTerms {
     let (speed, force) = composition::envelope(&capability.manifest, conditions);
     let terms = context.terms().capped(speed, force);
     // On the arm only what passed the gate with these people's approval runs; in sandbox and shadow it is tried.
@@ -133,7 +139,7 @@ fn beside<'a>(ledger: &'a Ledger, capability: &Capability) -> impl Iterator<Item
 }
 
 /// What its manifest binds as a fallback, as the registry has it now.
-fn fallback<'a>(ledger: &'a Ledger, capability: &Capability) -> Option<&'a Capability> {
+pub(crate) fn fallback<'a>(ledger: &'a Ledger, capability: &Capability) -> Option<&'a Capability> {
     let bound = capability.manifest.recovery.fallback.as_ref()?;
     ledger.resolve(&bound.family, &bound.version)
 }

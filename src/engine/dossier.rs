@@ -13,7 +13,9 @@ use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::{Kappas, composite};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, Dimension, Kappa, Reason};
-use holdpoint_governance::evidence::{Binding, Drills, EpisodeValues, HardStop, Pair, ShadowSequence};
+use holdpoint_governance::evidence::{
+    AloneEpisode, Binding, Drills, EpisodeValues, FailedDrill, HardStop, Pair, ShadowSequence,
+};
 use holdpoint_governance::gate::{GateOutcome, ShadowAssessment};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::kept::KeptUse;
@@ -50,6 +52,12 @@ pub struct Dossier {
     pub recovery: Option<RecoveryAssessment>,
     /// What shadow came to.
     pub shadow: Option<ShadowAssessment>,
+    /// Conditions of use that pairs and drills were worked under; empty in records of older builds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tried_under: Vec<Condition>,
+    /// Episodes that the candidate worked alone; empty in records of older builds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub alone: Vec<AloneEpisode>,
     /// Paired episodes, in seed order.
     pub pairs: Vec<Pair>,
     pub hard_stops: Vec<HardStop>,
@@ -64,6 +72,9 @@ pub struct Dossier {
     pub permissions: Option<PermissionUse>,
     /// Drills of the candidate and of the active version.
     pub drills: Option<(Drills, Drills)>,
+    /// The candidate's drills that did not pass, the first ones; empty in records of older builds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failed_drills: Vec<FailedDrill>,
     /// Whole sequences of the sandbox with either version in its place; absent if pairs and drills rejected it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handovers: Option<SequenceEvidence>,

@@ -12,7 +12,8 @@ use on_record::{
 };
 pub use remedy::is_in_favour;
 
-use holdpoint_governance::decision::Dimension;
+use crate::dossier::Dossier;
+use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::kept::{KeptUse, KeptVoid, SeedRange};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
@@ -108,6 +109,19 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
     let decisions = reader.decisions;
     let summary = detail.summary;
     Ok(Some(Explanation { version: id.clone(), state: summary.state, author: summary.author, decisions }))
+}
+
+/// What would have to be otherwise for each of these reasons to go away, in their order and each thing once.
+pub(crate) fn changes<'a>(dossier: &Dossier, reasons: impl IntoIterator<Item = &'a Reason>) -> Vec<String> {
+    let value = serde_json::to_value(dossier).unwrap_or_default();
+    let measured: DossierRecord = serde_json::from_value(value).unwrap_or_default();
+    let mut said: Vec<String> = Vec::new();
+    for text in reasons.into_iter().filter_map(|reason| remedy::change(&Noted::from(reason), &measured)) {
+        if !said.contains(&text) {
+            said.push(text);
+        }
+    }
+    said
 }
 
 /// Reads records in order.

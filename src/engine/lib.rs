@@ -36,6 +36,7 @@ pub mod pump;
 pub mod record;
 pub mod recordings;
 mod restart;
+mod retake;
 pub mod stages;
 pub mod trial;
 mod view;

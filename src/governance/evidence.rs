@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::harm::HarmMeasures;
 use super::ids::Digest;
-use super::phase::PhaseTallies;
+use super::phase::{PhaseTallies, WorkPhase};
 
 /// What a piece of evidence was gathered for. Evidence of anything else is stale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -286,6 +286,39 @@ impl Drills {
             DrillKind::Detect => &mut self.detect,
         }
     }
+}
+
+/// An episode that a candidate worked alone, before it was compared.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AloneEpisode {
+    /// Canonical, or adversarial.
+    pub mode: SandboxMode,
+    /// Its place among those of the mode, from 0: what stress there is follows from it.
+    pub place: u64,
+    /// Seed of the episode.
+    pub seed: u64,
+    /// What it gave.
+    pub values: EpisodeValues,
+    /// What ended the evaluation in it, if something did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hard_stop: Option<HardStop>,
+}
+
+/// A drill of the candidate that did not pass: all that it takes to rehearse it again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FailedDrill {
+    /// What was rehearsed.
+    pub kind: DrillKind,
+    /// The phase of the work in which it began; absent: anywhere in it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phase: Option<WorkPhase>,
+    /// Seed of the episode.
+    pub seed: u64,
+    /// Whether the active version passed the same drill; absent where it could not be set up for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub active: Option<bool>,
 }
 
 crate::words! {

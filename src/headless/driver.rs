@@ -452,6 +452,7 @@ fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
         Reply::Accepted { .. }
         | Reply::Snapshot { .. }
         | Reply::Detail { .. }
+        | Reply::Film { .. }
         | Reply::Registry { .. }
         | Reply::Audit { .. }
         | Reply::Verified { .. } => Ok(StepEnd::Done),

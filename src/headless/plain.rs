@@ -162,6 +162,7 @@ impl PlainStream<'_> {
             Reply::Accepted { .. }
             | Reply::Snapshot { .. }
             | Reply::Detail { .. }
+            | Reply::Film { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
             | Reply::Verified { .. } => {}

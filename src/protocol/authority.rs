@@ -24,6 +24,7 @@ impl Command {
     pub const fn authority(&self) -> Authority {
         match self {
             Self::Detail { .. }
+            | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
             | Self::VerifyAudit
@@ -92,6 +93,7 @@ impl Command {
             | Self::LiveFault { .. }
             | Self::Pace { .. }
             | Self::Detail { .. }
+            | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
             | Self::VerifyAudit

@@ -6,6 +6,7 @@ use std::borrow::Cow;
 
 use super::detail::{AuditPage, Detail, RegistryPage, Verified};
 use super::explained::blank;
+use super::film::{Film, FilmAsked};
 use holdpoint_approvals::{SignedApproval, SignedCall, SignedPersonAct};
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -166,6 +167,13 @@ pub enum Command {
         /// The version that is asked about.
         version: CapabilityId,
     },
+    /// A piece of its evaluation, worked again and drawn. Nothing is decided by it and nothing of it kept.
+    Film {
+        /// The version that was evaluated.
+        version: CapabilityId,
+        /// Which piece of it.
+        asked: FilmAsked,
+    },
     /// A page of the registry's versions, by family and semantic version.
     Registry {
         /// The lifecycle states to list.
@@ -269,6 +277,11 @@ pub enum Reply {
         /// Everything that is known of the version.
         detail: Box<Detail>,
     },
+    /// Answers [`Command::Film`].
+    Film {
+        /// The pictures of both versions.
+        film: Box<Film>,
+    },
     /// Answers [`Command::Registry`].
     Registry {
         /// The rows asked for, with the number there are in all.
@@ -328,6 +341,7 @@ impl Command {
             | Self::UnshelveAlarm { .. }
             | Self::Stop { .. }
             | Self::Detail { .. }
+            | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
             | Self::VerifyAudit
@@ -361,6 +375,7 @@ impl Command {
         matches!(
             self,
             Self::Detail { .. }
+                | Self::Film { .. }
                 | Self::Registry { .. }
                 | Self::Audit { .. }
                 | Self::VerifyAudit
@@ -402,7 +417,7 @@ impl Command {
             | Self::Demote { operation, .. }
             | Self::Release { operation, .. }
             | Self::Repeat { operation, .. } => Some(&operation.version.family),
-            Self::Detail { version } => Some(&version.family),
+            Self::Detail { version } | Self::Film { version, .. } => Some(&version.family),
             Self::Register { .. }
             | Self::Decide { .. }
             | Self::Person { .. }
@@ -464,6 +479,7 @@ mod tests {
             json!({ "command": "goal", "goal": "grasp", "by": "ana", "reason": "r" }),
             json!({ "command": "pace", "times": null }),
             json!({ "command": "detail", "version": "grasp@1.0.0" }),
+            json!({ "command": "film", "version": "grasp@1.0.0", "asked": { "of": "drill", "number": 3 } }),
             json!({ "command": "registry", "group": "all", "text": "", "offset": 0, "limit": 1 }),
             json!({ "command": "audit", "before": null, "subject": "", "limit": 1 }),
             json!({ "command": "verify-audit" }),
@@ -496,7 +512,7 @@ mod tests {
     fn every_command_reads_gives_takes_or_does_neither() {
         use super::{Authority, Command};
         let classes = [
-            (Authority::Reads, "audit detail registry snapshot verify-audit"),
+            (Authority::Reads, "audit detail film registry snapshot verify-audit"),
             (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
             (
                 Authority::Gives,

@@ -6,8 +6,9 @@ use serde_json::Value;
 
 use super::event::DimensionResult;
 use super::explained::Explained;
+use super::film::FilmAsked;
 use holdpoint_governance::condition::Condition;
-use holdpoint_governance::decision::Reason;
+use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::evidence::{DrillKind, SandboxMode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::phase::WorkPhase;
@@ -120,6 +121,45 @@ pub struct PhaseDrillView {
     pub active: [u64; 2],
 }
 
+/// Why one part of the rules came out as it did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WhyView {
+    /// The part of the rules.
+    pub about: Dimension,
+    /// What decided, one sentence, its numbers first.
+    pub decisive: String,
+    /// What would have to be otherwise, one sentence each; empty: nothing.
+    pub change: Vec<String>,
+    /// What was measured, the gravest first. More of anything in it is worse.
+    pub findings: Vec<WhyFinding>,
+    /// The work that shows it; absent if none can be worked again.
+    pub film: Option<FilmAsked>,
+}
+
+/// Something measured that bears on a check.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WhyFinding {
+    /// What was found, with the numbers of both versions and what is allowed.
+    pub text: String,
+    /// How much worse than the active version, in units of what is tolerated: 1 is just tolerated, below 0 is better;
+    /// absent where nothing is tolerated, or nothing compared.
+    pub weight: Option<f64>,
+    /// What the evidence says of it.
+    pub verdict: FindingVerdict,
+}
+
+holdpoint_governance::words! {
+    /// What the evidence says of something measured.
+    FindingVerdict, "verdict of a finding", {
+        /// A worsening is established.
+        Worse = "worse",
+        /// A worsening beyond what is tolerated is neither established nor excluded.
+        Doubtful = "doubtful",
+        /// A worsening beyond what is tolerated is excluded.
+        Tolerable = "tolerable",
+    }
+}
+
 /// Everything there is to say about one version.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detail {
@@ -149,6 +189,9 @@ pub struct Detail {
     pub reasons: Vec<Reason>,
     /// Conditions under which it may be used, from all four dimensions.
     pub conditions: Vec<Condition>,
+    /// Why each part of the rules came out as it did, the four compatibilities first.
+    #[serde(default)]
+    pub why: Vec<WhyView>,
     /// Manifest against the active version's, field by field.
     pub differences: Vec<Difference>,
     /// The components of the behavioural comparison; interval and limit are of the worsening, candidate against

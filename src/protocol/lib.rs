@@ -22,6 +22,7 @@ pub mod command;
 pub mod detail;
 pub mod event;
 pub mod explained;
+pub mod film;
 pub mod picture;
 mod purpose;
 pub mod schema;

@@ -9,8 +9,8 @@ use super::snapshot::Snapshot;
 use super::wire::{Answer, Call};
 
 /// Names of the published documents, as `holdpoint schema` takes them.
-pub const NAMES: [&str; 9] =
-    ["call", "answer", "request", "command", "reply", "event", "snapshot", "detail", "picture"];
+pub const NAMES: [&str; 10] =
+    ["call", "answer", "request", "command", "reply", "event", "snapshot", "detail", "picture", "film"];
 
 /// The documents of [`NAMES`] with their schemas.
 #[must_use]
@@ -25,6 +25,7 @@ pub fn documents() -> [(&'static str, Schema); NAMES.len()] {
         ("snapshot", schema_for!(Snapshot)),
         ("detail", schema_for!(super::detail::Detail)),
         ("picture", schema_for!(Picture)),
+        ("film", schema_for!(super::film::Film)),
     ]
 }
 

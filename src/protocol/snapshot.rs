@@ -353,6 +353,9 @@ pub struct PromptView {
     /// What it would be let in under, one sentence each.
     #[serde(default)]
     pub conditions: Vec<String>,
+    /// What decided on behaviour and recovery, with the numbers, and which work shows it; one sentence each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub why: Vec<String>,
     /// What was not tested, one sentence each.
     pub untested: Vec<String>,
     /// What happens when it gets worse after activation, one sentence.

@@ -46,6 +46,22 @@ impl WatcherSignal {
         Self::TelemetryInvalid,
     ];
 
+    /// What was seen, a few words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::ObjectSlip => "the object slips in the hand",
+            Self::ObjectLost => "the hand has lost the object",
+            Self::TrackingError => "a joint is far from where it should be",
+            Self::UnexpectedContact => "it touches what it should not",
+            Self::StaleInput => "it moves on pictures that are too old",
+            Self::ToolLost => "the gripper does not answer",
+            Self::GripFault => "the gripper does not follow",
+            Self::Overrun => "the work takes too long",
+            Self::TelemetryInvalid => "a sensor gives no number",
+        }
+    }
+
     /// Whether the recovery manager is to act at once; the others are noted as anomalies.
     #[must_use]
     pub const fn needs_recovery(self) -> bool {

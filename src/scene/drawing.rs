@@ -19,6 +19,7 @@ pub use record::{PictureFacts, RecordingHead, Tail, head, paths, tail};
 use super::rows::{Ids, Moment, Rows};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::event::Event;
+use holdpoint_protocol::film::FilmFrame;
 use holdpoint_protocol::picture::{Picture, Point, Scenery};
 use holdpoint_protocol::snapshot::Snapshot;
 
@@ -93,6 +94,12 @@ impl Drawing {
         self.draw_tool(picture, &moment);
         record::frame(&mut self.rows, picture, &moment, says_blocks);
         self.standing = Some(picture.sequence);
+    }
+
+    /// A moment of one version in a piece of an evaluation, as columns.
+    pub fn columns(&mut self, who: &str, frame: &FilmFrame, at_ms: u64) {
+        let moment = self.moment(at_ms, self.sequence);
+        self.draw_columns(who, frame, &moment);
     }
 
     pub fn event(&mut self, event: &Event) {

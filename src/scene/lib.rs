@@ -17,6 +17,7 @@ mod credible;
 mod drawing;
 pub mod feed;
 mod file;
+pub mod film;
 mod guarded;
 mod limits;
 mod live;

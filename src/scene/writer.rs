@@ -18,6 +18,7 @@ use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::film::FilmFrame;
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::Closed;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -119,6 +120,15 @@ impl Writer {
     pub fn earlier(&mut self, pictures: Vec<Arc<Picture>>) -> io::Result<()> {
         let chosen = self.pace.new_ones(pictures);
         self.draw(&chosen)
+    }
+
+    /// A moment of one version in a piece of an evaluation, as columns: joints and tool.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn columns(&mut self, who: &str, frame: &FilmFrame, at_ms: u64) -> io::Result<()> {
+        self.drawing.columns(who, frame, at_ms);
+        if self.drawing.rows().are_many() { self.flush() } else { Ok(()) }
     }
 
     fn draw(&mut self, chosen: &[Arc<Picture>]) -> io::Result<()> {

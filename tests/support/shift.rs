@@ -14,9 +14,13 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
-use holdpoint_protocol::detail::{Changes, Detail, Difference, DrillView, Measure, ModeView, RegistryPage};
+use holdpoint_protocol::detail::{
+    Changes, Detail, Difference, DrillView, FindingVerdict, Measure, ModeView, RegistryPage, WhyFinding,
+    WhyView,
+};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
+use holdpoint_protocol::film::{FilmAsked, FilmOf};
 use holdpoint_protocol::picture::{ArmPicture, EnvelopePicture, NO_TURN, Picture, Region, Scenery, Twin};
 use holdpoint_protocol::snapshot::{
     AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
@@ -223,6 +227,7 @@ pub fn question(tier: u8) -> PromptView {
             declared: Vec::new(),
         },
         conditions: Vec::new(),
+        why: vec!["recovery: fails 9 of 50 fallback drills, the active version 2 of 50".to_owned()],
         untested: vec![
             "objects heavier than 0.4 kg".to_owned(),
             "the conveyor running while the tray is turned".to_owned(),
@@ -528,6 +533,17 @@ pub fn detail() -> Detail {
             ),
         ],
         conditions: vec![Condition::TighterEnvelope { speed_max_m_s: 0.25, force_max_n: 20.0 }],
+        why: vec![WhyView {
+            about: Dimension::Recovery,
+            decisive: "fails 9 of 50 fallback drills, the active version 2 of 50".to_owned(),
+            change: vec!["they have to pass as often as the active version's".to_owned()],
+            findings: vec![WhyFinding {
+                text: "fails 9 of 50 fallback drills, the active version 2 of 50".to_owned(),
+                weight: None,
+                verdict: FindingVerdict::Worse,
+            }],
+            film: Some(FilmAsked { of: FilmOf::Drill, number: None }),
+        }],
         differences: vec![
             Difference {
                 field: "envelope.force_max_n".to_owned(),

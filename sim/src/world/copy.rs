@@ -48,6 +48,7 @@ impl World {
         self.state = duplicate(&copy.state);
         self.prepare();
         self.fill_observation();
+        self.rewind_film();
         Ok(())
     }
 }

@@ -42,6 +42,7 @@ fn lines(prompt: &PromptView) -> Vec<String> {
     ];
     lines.extend(prompt.changes.lines().iter().map(|line| format!("Change: {line}")));
     lines.extend(prompt.conditions.iter().map(|condition| format!("Condition: {condition}")));
+    lines.extend(prompt.why.iter().map(|line| format!("Why: {line}")));
     lines.extend(prompt.untested.iter().map(|line| format!("Not tested: {line}")));
     lines.push(format!("If things get worse: {}", prompt.on_drift));
     if !prompt.about.is_empty() && prompt.about != prompt.on_drift {

@@ -127,6 +127,7 @@ impl Register {
                     }
                     Reply::Snapshot { .. }
                     | Reply::Detail { .. }
+                    | Reply::Film { .. }
                     | Reply::Registry { .. }
                     | Reply::Audit { .. }
                     | Reply::Verified { .. } => Err(NotTaken::Unknown(CliError::internal(

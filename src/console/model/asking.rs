@@ -9,6 +9,8 @@ pub enum AskedFor {
     Registry,
     /// Everything about one version.
     Detail,
+    /// A piece of an evaluation, worked again.
+    Film,
     /// A page of the audit log.
     Audit,
     /// A check of the whole audit chain.

@@ -3,7 +3,9 @@
 use crate::form::Form;
 use crate::line::EditLine;
 use crate::palette::Palette;
+use crate::player::Player;
 use crate::prompt::Prompt;
+use holdpoint_governance::ids::CapabilityId;
 
 /// What lies over the view and takes the keys. At most one at a time.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +15,36 @@ pub enum Overlay {
     Prompt(Box<Prompt>),
     /// A dangerous or reasoned operation.
     Form(Box<Form>),
+    /// Why a check came out as it did.
+    Why(WhyScreen),
+    /// A piece of an evaluation, worked again.
+    Film(Box<Watched>),
+}
+
+/// Which explanation is read, and how far.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WhyScreen {
+    /// The version that is explained.
+    pub version: CapabilityId,
+    /// Its place among the explanations.
+    pub at: usize,
+    /// Rows that have gone out at the top.
+    pub scroll: usize,
+}
+
+impl WhyScreen {
+    /// Another explanation, from its beginning.
+    #[must_use]
+    pub fn turned(&self, at: usize) -> Self {
+        Self { version: self.version.clone(), at, scroll: 0 }
+    }
+}
+
+/// A film, and the explanation it is watched from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Watched {
+    pub player: Player,
+    pub back: WhyScreen,
 }
 
 /// Text that is being typed at the foot of the screen.

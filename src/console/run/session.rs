@@ -200,6 +200,7 @@ impl Session {
             SessionInput::Picture => self.picture(),
             SessionInput::Ending(ending) => self.told_to_end(ending == Ending::Gone),
             SessionInput::Tick => self.take(MsgKind::Tick, Want::Story),
+            SessionInput::Frame if self.model.plays() => self.fold_one(MsgKind::Tick),
             SessionInput::Frame | SessionInput::Late => {}
         }
     }
@@ -358,6 +359,9 @@ impl Session {
         });
         // The pace counts from the end of a frame: a slow terminal gets fewer.
         self.pace.drawn(self.now_ms());
+        if self.model.plays() {
+            self.pace.want(Want::Picture);
+        }
         if drawn.is_err() {
             self.told_to_end(true);
         } else if let Some(seen) = seen {
@@ -369,7 +373,7 @@ impl Session {
     fn decision_shown(&mut self, seen: OnScreen) {
         let unread = |model: &Model| match &model.entry.overlay {
             Some(Overlay::Prompt(prompt)) => prompt.unread(),
-            Some(Overlay::Palette(_) | Overlay::Form(_)) | None => 0,
+            Some(Overlay::Palette(_) | Overlay::Form(_) | Overlay::Why(_) | Overlay::Film(_)) | None => 0,
         };
         let before = unread(&self.model);
         self.fold_one(MsgKind::DecisionShown(seen));

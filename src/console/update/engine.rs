@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{asking, operating, overlays, tell};
+use super::{asking, operating, overlays, tell, why};
 use crate::effect::{Effect, Question};
 use crate::model::{EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_governance::alarms::Priority;
@@ -100,6 +100,10 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
         Reply::Snapshot { snapshot: told } => snapshot(model, Arc::from(told)),
         Reply::Detail { detail } => {
             model.told.detail = Some(Arc::from(detail));
+            Vec::new()
+        }
+        Reply::Film { film } => {
+            why::film(model, film);
             Vec::new()
         }
         Reply::Registry { page } => {

@@ -1,6 +1,6 @@
 //! Moving about: cursors, panes, branches, and what Enter opens.
 
-use super::{asking, refuse, show};
+use super::{asking, refuse, show, why};
 use crate::action::Action;
 use crate::effect::Effect;
 use crate::model::{ListCursor, Model, Overlay, STORY_PANE, View};
@@ -127,7 +127,12 @@ fn open(model: &mut Model) -> Vec<Effect> {
         }
         View::Overview | View::Audit => choose(model),
         View::Shadow => show(model, View::Candidate),
-        View::Candidate => step_pane(model, true),
+        View::Candidate => {
+            if why::open(model) {
+                return Vec::new();
+            }
+            step_pane(model, true)
+        }
         View::Alarms => match model.version_here() {
             Some(version) => {
                 model.place.chosen = Some(version);

@@ -179,7 +179,7 @@ pub(super) fn unsigned(model: &mut Model, id: &str, text: String) {
                 return signing.failed(text);
             }
         }
-        Some(Overlay::Palette(_)) | None => {}
+        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => {}
     }
     tell(model, text, true);
 }
@@ -189,7 +189,7 @@ pub(super) fn answered(model: &mut Model, id: &str) {
     let waited = match &model.entry.overlay {
         Some(Overlay::Prompt(prompt)) => prompt.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
         Some(Overlay::Form(form)) => form.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
-        Some(Overlay::Palette(_)) | None => false,
+        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => false,
     };
     if waited {
         model.entry.overlay = None;

@@ -31,6 +31,7 @@ mod seats;
 mod signing;
 mod stopping;
 mod typed;
+mod why;
 
 const CANDIDATE: &str = "grasp@1.3.0";
 

@@ -67,6 +67,12 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.rows(area, 0, &rows);
         pen.row(area, u16::try_from(rows.len()).unwrap_or(u16::MAX), &row);
         return;
+    } else if let Some(own) = own_keys(model) {
+        let gap = stop.clone().with(ThemeRole::Text, "  ");
+        own.iter().fold(gap, |row, (key, word)| {
+            let next = Row::of(ThemeRole::Key, key).with(ThemeRole::Text, &format!(" {word}  "));
+            if row.width() + next.width() <= width { row.and(next) } else { row }
+        })
     } else {
         stop.clone().with(ThemeRole::Text, "  ").and(keys(
             model,
@@ -87,7 +93,7 @@ pub fn stop(model: &Model) -> Row {
             Some(Overlay::Form(form)) => {
                 matches!(form.focus, FormFocus::Minutes | FormFocus::Reason) || form.signing.is_some()
             }
-            None => false,
+            Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
         };
     let keys = model.keymap.keys(Action::Stop);
     let is_text = |key: &&String| key.chars().count() == 1;
@@ -122,6 +128,33 @@ pub fn field(pen: &Pen<'_>, line: &crate::line::EditLine, width: usize, has_keys
         .with(ThemeRole::Field, &after)
 }
 
+/// Keys that mean something in what lies over the view and nowhere else; absent where there are none.
+fn own_keys(model: &Model) -> Option<Vec<(&'static str, &'static str)>> {
+    match &model.entry.overlay {
+        Some(Overlay::Why(screen)) => {
+            let why = model.subject_detail().and_then(|detail| detail.why.get(screen.at));
+            let shows = why.is_some_and(|why| why.film.is_some());
+            let first = shows.then_some(("w", "worst episode"));
+            let rest = [("l", "next check"), ("h", "previous"), ("j", "down"), ("esc", "back")];
+            Some(first.into_iter().chain(rest).collect())
+        }
+        Some(Overlay::Film(watched)) => {
+            let run = if watched.player.runs() { "pause" } else { "play" };
+            Some(vec![
+                ("space", run),
+                ("m", "moment it fails"),
+                ("esc", "back"),
+                (". ,", "step"),
+                ("[ ]", "events"),
+                ("h l", "1 s"),
+                ("+ -", "speed"),
+                ("n b", "next, before"),
+            ])
+        }
+        Some(Overlay::Palette(_) | Overlay::Prompt(_) | Overlay::Form(_)) | None => None,
+    }
+}
+
 /// The actions that mean something here, the weightiest first.
 #[must_use]
 pub fn actions(model: &Model) -> Vec<Action> {
@@ -133,11 +166,14 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
         (Some(Overlay::Form(form)), _) if form.is_one_key() => &[A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
+        (Some(Overlay::Why(_) | Overlay::Film(_)), _) => &[A::Back],
         (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
         (None, View::Registry) => {
             &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Repeat, A::Release, A::Rearm]
         }
-        (None, View::Candidate) => &[A::NextPane, A::OpenRecording, A::Pause, A::Refuse, A::Abort, A::Copy],
+        (None, View::Candidate) => {
+            &[A::Open, A::NextPane, A::OpenRecording, A::Pause, A::Refuse, A::Abort, A::Copy]
+        }
         (None, View::Shadow) => &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Abort],
         (None, View::Alarms) => &[A::Acknowledge, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort],
         (None, View::Approvals) => &[A::Open, A::Continue, A::Rollback, A::Abort],
@@ -195,6 +231,7 @@ fn label(model: &Model, action: Action) -> String {
         (Action::NextPane, Some(_), _) => "next field",
         (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
         (Action::Open, Some(_), _) => "presses the button",
+        (Action::Open, None, View::Candidate) => "why",
         (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.closed => "close",
         (Action::Back, Some(Overlay::Prompt(_)), _) => "decide later",
         (Action::Back, Some(_), _) => "close",

@@ -97,6 +97,8 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         Some(Overlay::Prompt(open)) => return prompt::draw(model, open, pen, area),
         Some(Overlay::Palette(open)) => return palette::draw(model, open, pen, area),
         Some(Overlay::Form(open)) => return super::form::draw(model, open, pen, area),
+        Some(Overlay::Why(open)) => return super::why::draw(model, open, pen, area),
+        Some(Overlay::Film(open)) => return super::film::draw(open, pen, area),
         None => {}
     }
     let now_ms = model.engine_ms();

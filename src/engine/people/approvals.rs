@@ -33,6 +33,7 @@ use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::{Ledger, Note};
 use crate::record::Record;
+use crate::view::why;
 
 pub(super) use question::NewQuestion;
 pub use question::PendingQuestion;
@@ -429,6 +430,7 @@ pub(super) fn view(
         new_permissions: dossier.new_permissions.clone(),
         changes: dossier.changes.clone(),
         conditions: dossier.conditions.iter().map(ToString::to_string).collect(),
+        why: why::in_short(dossier),
         untested: untested(dossier),
         on_drift: match prompt.purpose {
             Purpose::Activation | Purpose::Emergency => on_drift(context, prompt, &dossier.conditions),

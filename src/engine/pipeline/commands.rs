@@ -9,6 +9,7 @@ use crate::operations::{self, LastVersion, accepted, checked};
 use crate::people::approvals::PendingQuestion;
 use crate::people::signed_calls::{self, Signer};
 use crate::people::{persons, questions};
+use crate::retake;
 use crate::stages::closing::rejected;
 use crate::stages::{emergency, monitoring, release};
 use crate::view::lookup;
@@ -185,6 +186,7 @@ impl Pipeline {
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => Ok(operations::set_pace(record, world, times)),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),
+            Command::Film { version, asked } => retake::film(context, record, dossiers, &version, asked),
             Command::Registry { group, text, offset, limit } => {
                 lookup::registry_page(context, record, group, &text, offset, limit)
             }

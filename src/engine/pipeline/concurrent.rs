@@ -82,6 +82,7 @@ impl Pipeline {
             | Command::Stop { .. }
             | Command::Pace { .. }
             | Command::Detail { .. }
+            | Command::Film { .. }
             | Command::Registry { .. }
             | Command::Audit { .. }
             | Command::VerifyAudit

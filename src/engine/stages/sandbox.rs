@@ -6,7 +6,7 @@ use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ended::EndReason;
-use holdpoint_governance::evidence::{Binding, Drills, HardStop, SandboxMode};
+use holdpoint_governance::evidence::{AloneEpisode, Binding, Drills, HardStop, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::omitted::Part;
@@ -105,6 +105,7 @@ pub fn begin(
     let dossier = dossiers.edit(id);
     // What stage 2 found counts for the version that was active then: against the present one it is found anew.
     dossier.take_static(validation::assess(context, record.ledger(), &candidate));
+    dossier.tried_under.clone_from(&dossier.conditions);
     dossier.pairs.clear();
     dossier.hard_stops.clear();
     dossier.modes.clear();
@@ -119,6 +120,8 @@ pub fn begin(
     dossier.sequences.clear();
     dossier.twins.clear();
     dossier.drills = Some((Drills::default(), Drills::default()));
+    dossier.failed_drills.clear();
+    dossier.alone.clear();
     dossier.bindings = vec![binding];
     let phase = SandboxPhase::Alone(Alone::Canonical, Vec::new());
     Ok(Box::new(SandboxRun { id: id.clone(), binding, phase }))
@@ -230,6 +233,7 @@ impl Sandbox<'_> {
         dossier.pairs = paired.pairs;
         dossier.hard_stops = paired.hard_stops;
         dossier.drills = Some((rehearsed.candidate, rehearsed.active));
+        dossier.failed_drills = evaluation.failed_drills().to_vec();
         dossier.handovers = evaluation.sequences().cloned();
         let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
         dossier.note_use(candidate, &new);
@@ -317,6 +321,10 @@ impl Sandbox<'_> {
         self.keep_trace(&id, mode, conditions, records)?;
         let dossier = self.dossiers.edit(&id);
         dossier.hard_stops.extend(records.iter().filter_map(|record| record.hard_stop));
+        dossier.alone.extend((0..).zip(&*records).filter_map(|(place, record)| {
+            let values = record.values()?;
+            Some(AloneEpisode { mode, place, seed: record.seed, values, hard_stop: record.hard_stop })
+        }));
         dossier.note_use(candidate, records);
         dossier.modes.extend(ModeMetrics::of(mode, ComparedParty::Candidate, &*records));
         let done = if alone == Alone::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };

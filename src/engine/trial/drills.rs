@@ -96,14 +96,31 @@ impl DrillCase<'_> {
     /// phase under this seed.
     #[must_use]
     pub fn run(&self, worker: &mut Worker, shared: &mut Option<Undisturbed>) -> DrillResult {
-        match self.work(worker, shared) {
+        self.run_from(worker, shared).0
+    }
+
+    /// As [`DrillCase::run`], and at which tick of the episode the rehearsal began; absent if it did not come to that.
+    #[must_use]
+    pub fn run_from(
+        &self,
+        worker: &mut Worker,
+        shared: &mut Option<Undisturbed>,
+    ) -> (DrillResult, Option<u64>) {
+        let mut from = None;
+        let result = match self.work(worker, shared, &mut from) {
             Ok(Some(true)) => DrillResult::Passed,
             Ok(Some(false)) => DrillResult::Failed,
             Ok(None) | Err(_) => DrillResult::Infeasible,
-        }
+        };
+        (result, from)
     }
 
-    fn work(&self, worker: &mut Worker, shared: &mut Option<Undisturbed>) -> Result<Option<bool>, SimError> {
+    fn work(
+        &self,
+        worker: &mut Worker,
+        shared: &mut Option<Undisturbed>,
+        from: &mut Option<u64>,
+    ) -> Result<Option<bool>, SimError> {
         let trial = self.trial();
         let work = match shared.take() {
             Some(begun) => begun,
@@ -122,7 +139,10 @@ impl DrillCase<'_> {
             DrillKind::Rollback | DrillKind::Fallback | DrillKind::Abort => None,
         };
         match work.reach(worker, &trial, point)? {
-            Some(run) => self.at_point(worker, run, fault),
+            Some(run) => {
+                *from = Some(point);
+                self.at_point(worker, run, fault)
+            }
             None => Ok(None),
         }
     }

@@ -21,7 +21,7 @@ use holdpoint_governance::behavior::{
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::ended::EndReason;
 use holdpoint_governance::evidence::{
-    Binding, DrillKind, DrillTally, Drills, HardStop, Pair, PairedEvidence, RecoveryEvidence,
+    Binding, DrillKind, DrillTally, Drills, FailedDrill, HardStop, Pair, PairedEvidence, RecoveryEvidence,
 };
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
@@ -36,6 +36,9 @@ const PHASE_PROBES: u64 = 5;
 /// Pieces of them in which a phase has to show: one that a fifth of all seeds lack still gets its quota, because twice
 /// the budget is tried.
 const PHASE_SHOWN_IN: usize = 4;
+
+/// The most failed drills that are kept one by one; all are counted.
+const FAILED_KEPT: usize = 64;
 
 /// Slices that are worked ahead of what is asked for.
 const SLICES_AHEAD: usize = 2;
@@ -62,6 +65,8 @@ pub struct Evaluation {
     /// The phases that drills are dealt round, once they are known.
     phases: Option<Vec<WorkPhase>>,
     drills: (Drills, Drills),
+    /// The candidate's that did not pass, in the order they were worked; at most [`FAILED_KEPT`].
+    failed: Vec<FailedDrill>,
     pairs_tried: u64,
     drills_tried: [u64; DrillKind::ALL.len()],
     /// Absent until they are begun.
@@ -93,6 +98,7 @@ impl Evaluation {
             hard_stops,
             phases: None,
             drills: (Drills::default(), Drills::default()),
+            failed: Vec::new(),
             pairs_tried: 0,
             drills_tried: [0; DrillKind::ALL.len()],
             sequences: None,
@@ -151,6 +157,12 @@ impl Evaluation {
     #[must_use]
     pub const fn rehearsed(&self) -> RecoveryEvidence {
         RecoveryEvidence { binding: self.binding, candidate: self.drills.0, active: self.drills.1 }
+    }
+
+    /// The candidate's drills that did not pass, the first ones.
+    #[must_use]
+    pub fn failed_drills(&self) -> &[FailedDrill] {
+        &self.failed
     }
 
     /// The sequences so far, as the rules read them; absent until they are begun.
@@ -291,6 +303,12 @@ impl Evaluation {
         self.drills_tried[kind as usize] += spots.len() as u64;
         tally(&mut self.drills.0, kind, &spots, &of_candidate);
         tally(&mut self.drills.1, kind, &spots, &of_active);
+        for (spot, (new, old)) in spots.iter().zip(of_candidate.iter().zip(&of_active)) {
+            if *new == DrillResult::Failed && self.failed.len() < FAILED_KEPT {
+                let active = (*old != DrillResult::Infeasible).then_some(*old == DrillResult::Passed);
+                self.failed.push(FailedDrill { kind, phase: spot.phase, seed: spot.seed, active });
+            }
+        }
         Ok(true)
     }
 

@@ -6,6 +6,7 @@ use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::film::Frame;
 use holdpoint_sim::world::{World, WorldCopy};
 
 use crate::cell::Cell;
@@ -15,13 +16,34 @@ use crate::cell::Cell;
 pub struct Worker {
     /// The arm in its world, and the digest of the cell it was built from.
     built: Option<(Digest, Arm<World>)>,
+    films: bool,
 }
 
 impl Worker {
     /// A worker that builds its world at its first episode.
     #[must_use]
     pub const fn new() -> Self {
-        Self { built: None }
+        Self { built: None, films: false }
+    }
+
+    /// A worker that films what it works ([`Worker::take_film`]). The records are the same.
+    #[must_use]
+    pub const fn filming() -> Self {
+        Self { built: None, films: true }
+    }
+
+    /// What its world showed of the last episode; nothing if it does not film, or if the world failed.
+    #[must_use]
+    pub fn take_film(&mut self) -> Vec<Frame> {
+        self.built.as_mut().map(|(_, arm)| arm.body_mut().take_film()).unwrap_or_default()
+    }
+
+    fn new_arm(&self, cell: &Cell) -> Result<Arm<World>, SimError> {
+        let mut world = cell.world()?;
+        if self.films {
+            world.film();
+        }
+        Ok(Arm::new(world))
     }
 
     /// The worker's arm, reset to an episode.
@@ -31,7 +53,7 @@ impl Worker {
     pub fn arm(&mut self, cell: &Cell, setup: &EpisodeSetup) -> Result<&mut Arm<World>, SimError> {
         let mut arm = match self.built.take() {
             Some((of, arm)) if of == cell.digest() => arm,
-            _ => Arm::new(cell.world()?),
+            _ => self.new_arm(cell)?,
         };
         arm.body_mut().reset(setup)?;
         let (_, arm) = self.built.insert((cell.digest(), arm));
@@ -45,7 +67,7 @@ impl Worker {
     pub fn arm_from(&mut self, cell: &Cell, copy: &WorldCopy) -> Result<&mut Arm<World>, SimError> {
         let mut arm = match self.built.take() {
             Some((of, arm)) if of == cell.digest() => arm,
-            _ => Arm::new(cell.world()?),
+            _ => self.new_arm(cell)?,
         };
         arm.body_mut().go_on_from(copy)?;
         let (_, arm) = self.built.insert((cell.digest(), arm));

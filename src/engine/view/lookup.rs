@@ -3,6 +3,7 @@
 //! Reads the store's views and the evidence; changes nothing. Every page is bounded in rows and bytes.
 
 use super::evidence::{behavior, drills, modes};
+use super::why;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::explain;
@@ -16,6 +17,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, VersionGroup};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::detail::{AuditPage, Detail, PAGE_MAX, RegistryPage, Verified};
+use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{AuditFilter, EvidenceEntry, VersionFilter};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
@@ -117,8 +119,7 @@ pub(crate) fn detail(
             hint: Some("see `holdpoint registry list`".to_owned()),
         });
     };
-    let dossier = dossiers.of(id).cloned().or_else(|| newest_dossier(&stored.evidence));
-    let dossier = dossier.unwrap_or_default();
+    let dossier = whole_dossier(dossiers, id, &stored.evidence);
     let (_, _, member) = record.ledger().version(id)?;
     let capability = &member.capability;
     let against = against(record, id);
@@ -146,6 +147,7 @@ pub(crate) fn detail(
         composite: dossier.composite(&context.profile),
         reasons: reasons(&dossier),
         conditions: dossier.conditions.clone(),
+        why: why::whys(&dossier, &reasons(&dossier)),
         differences: against.map_or_else(Vec::new, |active| version_differences(Some(&active), capability)),
         behavior: behavior(&dossier),
         modes: modes(&dossier),
@@ -211,8 +213,32 @@ fn shorten(row: &mut AuditRecord) {
     }
 }
 
+/// Everything that is known of a version: of one that is history an engine keeps what is said of it alone, and what was
+/// measured of it is on record.
+pub(crate) fn whole_dossier(dossiers: &Dossiers, id: &CapabilityId, evidence: &[EvidenceEntry]) -> Dossier {
+    let known = dossiers.of(id).cloned().unwrap_or_default();
+    let mut whole = if known.pairs.is_empty() && known.alone.is_empty() {
+        match newest_dossier(evidence) {
+            Some(stored) if known.kappas.is_some() => {
+                let Dossier { kappas, conditions, reasons, .. } = known;
+                Dossier { kappas, conditions, reasons, ..stored }
+            }
+            Some(stored) => stored,
+            None => known,
+        }
+    } else {
+        known
+    };
+    if whole.confirmation.is_none() {
+        let settled = evidence.iter().rev().filter(|entry| entry.kind == EvidenceKind::Monitor);
+        whole.confirmation = settled.into_iter().find_map(|entry| serde_json::from_str(&entry.json).ok());
+    }
+    whole
+}
+
+/// The newest dossier on record.
 fn newest_dossier(evidence: &[EvidenceEntry]) -> Option<Dossier> {
-    use holdpoint_registry::names::EvidenceKind as Kind;
+    use EvidenceKind as Kind;
     let stages = |entry: &&EvidenceEntry| matches!(entry.kind, Kind::Compat | Kind::Sandbox | Kind::Shadow);
     let newest = evidence.iter().rev().find(stages)?;
     serde_json::from_str(&newest.json).ok()

@@ -6,6 +6,7 @@
 use holdpoint_body::Telemetry;
 use holdpoint_body::Zone;
 use holdpoint_body::chain::Transform;
+use holdpoint_sim::robot::RobotModel;
 use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -44,7 +45,17 @@ pub fn scenery(scene: &Scene) -> Scenery {
 /// The arm as its sensors tell, with the object as it truly is.
 #[must_use]
 pub fn body(world: &World, seen: &Telemetry) -> ArmPicture {
-    let robot = world.robot();
+    drawn(world.robot(), seen, &world.object().0, world.scene().object.half_m)
+}
+
+/// A robot as its sensors told, with the object (half its edge in m) where it was.
+#[must_use]
+pub fn drawn(
+    robot: &RobotModel,
+    seen: &Telemetry,
+    object: &Isometry3<f64>,
+    object_half_m: f64,
+) -> ArmPicture {
     let frames = robot.geometry.chain.frames(&seen.q);
     let origin = |frame: &Transform| point(&frame.point(&Vector3::zeros()));
     let tool = frames.tool.point(&Vector3::zeros());
@@ -59,14 +70,13 @@ pub fn body(world: &World, seen: &Telemetry) -> ArmPicture {
         let along = hand.zip(finger).map(|(hand, finger)| hand.then(&finger.origin).z());
         point(&along.map_or(tool, |along| tool + along * half_width_m))
     };
-    let (object, _) = world.object();
     ArmPicture {
         links,
         pads: [pad(0), pad(1)],
         hand: hand.map_or(NO_TURN, |hand| turn(&hand.isometry().rotation)),
         object: point(&object.translation.vector),
         object_turn: turn(&object.rotation),
-        object_half_m: narrow(world.scene().object.half_m),
+        object_half_m: narrow(object_half_m),
         held: seen.contacts.pad_object && seen.gripper_force_n > 1.0,
     }
 }

@@ -308,6 +308,7 @@ impl Drive<'_> {
             Reply::Accepted { .. }
             | Reply::Snapshot { .. }
             | Reply::Detail { .. }
+            | Reply::Film { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
             | Reply::Verified { .. } => {

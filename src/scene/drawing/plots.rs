@@ -7,6 +7,7 @@ use crate::limits::{LIMIT_EVERY_MS, TEXT_WIDTH_MAX};
 use crate::rows::Moment;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_protocol::film::FilmFrame;
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, PairsView, ShadowView, Snapshot};
 use holdpoint_text::Untrusted;
@@ -21,6 +22,26 @@ impl Drawing {
         let limits = [envelope.speed_m_s, envelope.force_n, envelope.contact_n];
         for (chart, limit) in style::tool_charts().into_iter().zip(limits) {
             self.limit(chart, f64::from(limit), picture.at_ms, moment);
+        }
+    }
+
+    /// Joints and tool of one version as columns with names, from the base on: angles in rad, torques in N m, speed in m/s,
+    /// forces in N.
+    pub(super) fn draw_columns(&mut self, who: &str, frame: &FilmFrame, moment: &Moment) {
+        for (name, values) in [("q", &frame.q), ("tau", &frame.tau)] {
+            for (joint, value) in (1..).zip(values) {
+                self.column(&format!("joints/{who}/{name}{joint}"), *value, moment);
+            }
+        }
+        let tool = [("speed", frame.speed_m_s), ("grip", frame.grip_n), ("contact", frame.contact_n)];
+        for (name, value) in tool {
+            self.column(&format!("tool/{who}/{name}"), value, moment);
+        }
+    }
+
+    fn column(&mut self, path: &str, value: f32, moment: &Moment) {
+        if value.is_finite() {
+            self.rows.at(path, moment, &Scalars::single(f64::from(value)));
         }
     }
 

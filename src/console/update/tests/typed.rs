@@ -36,7 +36,7 @@ impl TestConsole {
                 Some(Overlay::Palette(_)) => true,
                 Some(Overlay::Form(form)) => form.line_mut().is_some() || form.signing.is_some(),
                 Some(Overlay::Prompt(prompt)) => prompt.line_mut().is_some() || prompt.signing.is_some(),
-                None => false,
+                Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
             }
     }
 }

@@ -1,0 +1,192 @@
+//! What a world shows while it is worked, kept for somebody who wants to see it.
+//!
+//! Looks and keeps. It changes no step, and is in no snapshot, copy or digest: an episode that is filmed is the same
+//! episode.
+
+use holdpoint_body::{JointVec, Telemetry};
+use nalgebra::Isometry3;
+
+use crate::world::World;
+
+/// Ticks between two frames: 30 a second of simulated time.
+pub const FRAME_EVERY_TICKS: u64 = 8;
+
+/// The most frames that are kept: two minutes. What comes later is not seen.
+pub const FRAMES_MAX: usize = 3_600;
+
+/// One moment of a world, with the peaks since the frame before.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Ticks since the reset.
+    pub tick: u64,
+    /// What the sensors gave at this tick.
+    pub seen: Telemetry,
+    /// Joint torques as measured, N m.
+    pub tau: JointVec,
+    /// Where the object truly is, world frame, m.
+    pub object: Isometry3<f64>,
+    /// Largest measured speed of the tool since the frame before, m/s.
+    pub speed_m_s: f64,
+    /// Largest measured force of the pads on the object since the frame before, N.
+    pub grip_n: f64,
+    /// Largest measured force on the surroundings since the frame before, N.
+    pub contact_n: f64,
+    /// Whether something touched since the frame before that no task touches.
+    pub touched: bool,
+    /// Whether a stop or a failure was declared and stands.
+    pub stopped: bool,
+}
+
+/// The frames of one episode.
+#[derive(Default)]
+pub(crate) struct Film {
+    frames: Vec<Frame>,
+    speed_m_s: f64,
+    grip_n: f64,
+    contact_n: f64,
+    touched: bool,
+}
+
+impl Film {
+    fn note(&mut self, world: &World) {
+        if self.frames.len() >= FRAMES_MAX {
+            return;
+        }
+        let seen = world.telemetry();
+        let contacts = &seen.contacts;
+        self.speed_m_s = self.speed_m_s.max(seen.tool_speed_m_s);
+        self.grip_n = self.grip_n.max(seen.gripper_force_n);
+        self.contact_n = self.contact_n.max(seen.contact_force_n);
+        self.touched |= contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot;
+        let tick = world.tick();
+        if tick % FRAME_EVERY_TICKS == 0 {
+            let last = std::mem::take(self);
+            self.frames = last.frames;
+            self.frames.push(Frame {
+                tick,
+                seen,
+                tau: world.torques().clone(),
+                object: world.object().0,
+                speed_m_s: last.speed_m_s,
+                grip_n: last.grip_n,
+                contact_n: last.contact_n,
+                touched: last.touched,
+                stopped: world.stop_declared().is_some(),
+            });
+        }
+    }
+
+    /// Nothing of what came after a tick has happened.
+    fn rewind(&mut self, tick: u64) {
+        let mut frames = std::mem::take(&mut self.frames);
+        frames.retain(|frame| frame.tick <= tick);
+        *self = Self { frames, ..Self::default() };
+    }
+}
+
+impl World {
+    /// From now on every episode is filmed, from its reset on.
+    pub fn film(&mut self) {
+        self.film = Some(Box::default());
+        self.keep_frame();
+    }
+
+    /// The frames of the episode so far, oldest first; none if it is not filmed. After [`World::go_on_from`] they are
+    /// what this world showed up to there: the same work, where it is the same episode.
+    #[must_use]
+    pub fn take_film(&mut self) -> Vec<Frame> {
+        self.film.as_mut().map(|film| std::mem::take(film.as_mut()).frames).unwrap_or_default()
+    }
+
+    /// Keeps what this tick shows.
+    pub(crate) fn keep_frame(&mut self) {
+        if let Some(mut film) = self.film.take() {
+            film.note(self);
+            self.film = Some(film);
+        }
+    }
+
+    /// Another episode begins.
+    pub(crate) fn restart_film(&mut self) {
+        if self.film.is_some() {
+            self.film();
+        }
+    }
+
+    /// It stands at an earlier tick of its episode again.
+    pub(crate) fn rewind_film(&mut self) {
+        let tick = self.tick();
+        if let Some(film) = &mut self.film {
+            film.rewind(tick);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use holdpoint_body::{Command, TaskKind};
+
+    use super::*;
+    use crate::{Distribution, EpisodeSetup, RobotModel, Scene};
+
+    fn world() -> World {
+        let robot = RobotModel::builtin("arm7").unwrap();
+        World::new(&robot, &Scene::cell().unwrap()).unwrap()
+    }
+
+    fn setup(world: &World, seed: u64) -> EpisodeSetup {
+        EpisodeSetup::sample(TaskKind::Grasp, world.scene(), &Distribution::canonical().unwrap(), seed)
+    }
+
+    #[test]
+    fn a_filmed_episode_is_the_same_episode() {
+        let (mut plain, mut filmed) = (world(), world());
+        filmed.film();
+        for world in [&mut plain, &mut filmed] {
+            let setup = setup(world, 7);
+            world.reset(&setup).unwrap();
+            for _ in 0..40 {
+                world.step(&Command::Hold).unwrap();
+            }
+        }
+        assert_eq!(plain.state_hash(), filmed.state_hash());
+        assert!(plain.take_film().is_empty());
+        let ticks: Vec<u64> = filmed.take_film().iter().map(|frame| frame.tick).collect();
+        assert_eq!(ticks, [0, 8, 16, 24, 32, 40]);
+    }
+
+    #[test]
+    fn what_is_gone_back_on_has_not_happened() {
+        let mut world = world();
+        world.film();
+        let setup = setup(&world, 7);
+        world.reset(&setup).unwrap();
+        let step =
+            |world: &mut World, count: usize| (0..count).for_each(|_| world.step(&Command::Hold).unwrap());
+        step(&mut world, 20);
+        let copy = world.copy();
+        step(&mut world, 60);
+        world.go_on_from(&copy).unwrap();
+        step(&mut world, 10);
+        let ticks: Vec<u64> = world.take_film().iter().map(|frame| frame.tick).collect();
+        assert_eq!(ticks, [0, 8, 16, 24]);
+    }
+
+    #[test]
+    fn peaks_between_two_frames_are_kept() {
+        let mut world = world();
+        world.film();
+        let setup = setup(&world, 7);
+        world.reset(&setup).unwrap();
+        let q = world.telemetry().q.iter().map(|at| at + 0.2).collect();
+        let mut peak = 0.0_f64;
+        world.step(&Command::Joints { q, max_speed_rad_s: 1.0 }).unwrap();
+        peak = peak.max(world.telemetry().tool_speed_m_s);
+        for _ in 0..79 {
+            world.step(&Command::Hold).unwrap();
+            peak = peak.max(world.telemetry().tool_speed_m_s);
+        }
+        let kept = world.take_film().iter().fold(0.0_f64, |most, frame| most.max(frame.speed_m_s));
+        assert!(peak > 0.05 && (kept - peak).abs() < 1e-12, "{kept} of {peak}");
+    }
+}

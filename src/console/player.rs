@@ -1,0 +1,139 @@
+//! A piece of an evaluation that is watched: where in it, whether it runs, and how fast.
+//!
+//! Pure: the clock is an argument. Computes nothing of the film; it is drawn as it was told.
+
+use std::sync::Arc;
+
+use holdpoint_body::RATE_HZ;
+use holdpoint_protocol::film::{Film, FilmMark};
+
+use crate::replay::speed::Speed;
+
+/// Ticks of one step: a frame.
+const STEP_TICKS: u64 = 8;
+
+/// The longest time that passes at once, ms: a terminal that was stopped does not make the film leap.
+const PASS_MS_MAX: u64 = 1_000;
+
+/// Ticks shown before the moment at which it goes wrong.
+const LEAD_TICKS: u64 = RATE_HZ as u64;
+
+/// See the module's head.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Player {
+    pub film: Arc<Film>,
+    /// Where it stands, quarter ticks: the slowest speed moves by a quarter.
+    at: u64,
+    /// Console time up to which it has run, ms; absent while it stands.
+    running_ms: Option<u64>,
+    pub speed: Speed,
+}
+
+impl Player {
+    /// It begins a second before it goes wrong, or at the start, and runs.
+    #[must_use]
+    pub fn new(film: Arc<Film>, now_ms: u64) -> Self {
+        let begin = film.candidate.failed_at().map_or(0, |tick| tick.saturating_sub(LEAD_TICKS));
+        let mut player = Self { film, at: 0, running_ms: Some(now_ms), speed: Speed::default() };
+        player.go_to(begin);
+        player
+    }
+
+    /// Where it stands, ticks.
+    #[must_use]
+    pub const fn tick(&self) -> u64 {
+        self.at / 4
+    }
+
+    /// Whether it runs.
+    #[must_use]
+    pub const fn runs(&self) -> bool {
+        self.running_ms.is_some()
+    }
+
+    /// Time has passed.
+    pub fn pass(&mut self, now_ms: u64) {
+        let Some(until_ms) = self.running_ms else { return };
+        let passed_ms = now_ms.saturating_sub(until_ms).min(PASS_MS_MAX);
+        self.running_ms = Some(now_ms);
+        let quarters = self.speed.quarters(passed_ms).saturating_mul(u64::from(RATE_HZ)) / 1_000;
+        if quarters == 0 {
+            // Not yet a quarter of a tick: the time is not lost.
+            self.running_ms = Some(until_ms);
+            return;
+        }
+        self.at = self.at.saturating_add(quarters).min(4 * self.film.end());
+        if self.tick() >= self.film.end() {
+            self.running_ms = None;
+        }
+    }
+
+    /// Runs, or stands; at the end it begins anew.
+    pub fn toggle(&mut self, now_ms: u64) {
+        if self.runs() {
+            self.running_ms = None;
+        } else {
+            if self.tick() >= self.film.end() {
+                self.at = 0;
+            }
+            self.running_ms = Some(now_ms);
+        }
+    }
+
+    /// One frame on or back; it stands then.
+    pub fn step(&mut self, forward: bool) {
+        let at = self.tick() / STEP_TICKS;
+        self.running_ms = None;
+        let next = if forward { at + 1 } else { at.saturating_sub(1) };
+        self.go_to(next * STEP_TICKS);
+    }
+
+    /// So many seconds on or back.
+    pub fn skip(&mut self, forward: bool) {
+        let second = u64::from(RATE_HZ);
+        let tick = self.tick();
+        self.go_to(if forward { tick + second } else { tick.saturating_sub(second) });
+    }
+
+    fn go_to(&mut self, tick: u64) {
+        self.at = 4 * tick.min(self.film.end());
+    }
+
+    pub fn begin(&mut self) {
+        self.go_to(0);
+    }
+
+    pub fn end(&mut self) {
+        self.running_ms = None;
+        self.go_to(self.film.end());
+    }
+
+    /// To the moment at which the candidate goes wrong; tells whether there is one.
+    pub fn to_failure(&mut self) -> bool {
+        let Some(tick) = self.film.candidate.failed_at() else { return false };
+        self.running_ms = None;
+        self.go_to(tick);
+        true
+    }
+
+    /// To the next thing that happens to either, or the one before.
+    pub fn to_mark(&mut self, forward: bool) {
+        let here = self.tick();
+        let ticks = self.marks().map(|(_, mark)| mark.tick);
+        let next = if forward {
+            ticks.filter(|tick| *tick > here).min()
+        } else {
+            ticks.filter(|tick| *tick < here).max()
+        };
+        if let Some(tick) = next {
+            self.running_ms = None;
+            self.go_to(tick);
+        }
+    }
+
+    /// What happened to the candidate (`true`) and to the active version.
+    pub fn marks(&self) -> impl Iterator<Item = (bool, &FilmMark)> {
+        let own = self.film.candidate.marks.iter().map(|mark| (true, mark));
+        own.chain(self.film.active.marks.iter().map(|mark| (false, mark)))
+    }
+}

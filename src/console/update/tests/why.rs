@@ -1,0 +1,229 @@
+//! Why a check came out as it did, and the work that shows it: what opens them, what their keys do and do not.
+
+use super::*;
+use crate::frame;
+use crate::model::AskedFor;
+use holdpoint_governance::decision::Dimension;
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::detail::Detail;
+use holdpoint_protocol::film::{Film, FilmAsked, FilmOf};
+
+fn detail() -> Detail {
+    let dimension = |name: &str, outcome: &str| {
+        json!({ "dimension": name, "outcome": outcome, "kappa": 0.4, "interval": null, "threshold": 0.85,
+            "measured": true })
+    };
+    let finding = |text: &str, weight: f64, verdict: &str| json!({ "text": text, "weight": weight, "verdict": verdict });
+    let why = |about: &str, film: serde_json::Value| {
+        json!({ "about": about, "film": film, "change": ["12 fewer of 120 episodes"],
+            "decisive": "passes a limit in 38 of 120 episodes, the active version in 0; at most 5 % more is tolerated",
+            "findings": [finding("passes a limit in 38 of 120 episodes", 6.3, "worse"),
+                finding("takes 4.10 s", -0.2, "tolerable")] })
+    };
+    serde_json::from_value(json!({
+        "version": CANDIDATE, "against": "grasp@1.2.0", "parent": null, "digest": digest('a'), "summary": "",
+        "author": "cora", "provenance": "manual", "risk": "medium", "registered_ms": 0,
+        "dimensions": [dimension("interface", "compatible"), dimension("behavior", "incompatible")],
+        "composite": null, "reasons": [], "conditions": [],
+        "why": [why("interface", serde_json::Value::Null), why("behavior", json!({ "of": "episode" }))],
+        "differences": [{ "field": "params.grip_n", "old": "12", "new": "20" }],
+        "behavior": [], "modes": [], "drills": [], "decisions": [], "audit": [], "evidence": null, "untested": [],
+    }))
+    .unwrap()
+}
+
+fn film(number: u32) -> Film {
+    let body = json!({ "links": [[0.0, 0.0, 0.0], [0.3, 0.0, 0.4]], "pads": [[0.3, 0.0, 0.4], [0.3, 0.0, 0.4]],
+        "hand": [0.0, 0.0, 0.0, 1.0], "object": [0.4, 0.0, 0.02], "object_turn": [0.0, 0.0, 0.0, 1.0],
+        "object_half_m": 0.02, "held": false });
+    let frame = |tick: u64| {
+        json!({ "tick": tick, "body": body, "q": [0.1], "tau": [0.2], "speed_m_s": 0.2, "grip_n": 1.0,
+            "contact_n": 0.0, "touched": false, "stopped": false })
+    };
+    let run = |version: &str, end: u64, ended: &str, marks: serde_json::Value| {
+        json!({ "version": version, "envelope": { "speed_m_s": 0.5, "force_n": 20.0, "contact_n": 10.0 },
+            "ended": ended, "as_recorded": true, "marks": marks, "blocks": [],
+            "frames": (0..=end / 8).map(|at| frame(8 * at)).collect::<Vec<_>>() })
+    };
+    let marks = json!([{ "tick": 480, "text": "a force is larger than allowed", "bad": true },
+        { "tick": 960, "text": "the task is not done", "bad": true }]);
+    serde_json::from_value(json!({
+        "of": "episode", "number": number, "count": 120, "task": "grasp", "seed": 10_016, "why": "it passes a limit",
+        "doubts": [], "scenery": { "workspace": null, "keep_outs": [], "fixtures": [] },
+        "candidate": run(CANDIDATE, 960, "passes a limit, does not do the task, 4.0 s", marks),
+        "active": run("grasp@1.2.0", 720, "does the task, 3.0 s", json!([])),
+    }))
+    .unwrap()
+}
+
+/// At the checks of the candidate, the engine's answer there.
+fn at_checks() -> TestConsole {
+    let mut console = TestConsole::new(0);
+    console.keys("3");
+    console.answer(AskedFor::Detail, Reply::Detail { detail: Box::new(detail()) });
+    console
+}
+
+impl TestConsole {
+    /// The engine answers what waits of a kind.
+    fn answer(&mut self, about: AskedFor, reply: Reply) {
+        let pending = self.model.asking.pending.iter().find(|(_, pending)| pending.about == about);
+        let id = pending.map(|(id, _)| id.clone()).unwrap();
+        self.tell(MsgKind::Answer { id, reply: Box::new(reply) });
+    }
+
+    fn player(&self) -> &crate::player::Player {
+        match &self.model.entry.overlay {
+            Some(Overlay::Film(watched)) => &watched.player,
+            other => panic!("no film is open: {other:?}"),
+        }
+    }
+
+    fn shown(&self, columns: u16, rows: u16) -> String {
+        let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+        let model = Model { size: (columns, rows), ..self.model.clone() };
+        frame::text_of(&model, &look, columns, rows)
+    }
+}
+
+#[test]
+fn enter_on_a_check_says_why_in_numbers_first() {
+    let mut console = at_checks();
+    console.press(KeyCode::Down);
+    console.press(KeyCode::Enter);
+    console.model.notice = None;
+    for (columns, rows) in [(120, 36), (80, 24), (60, 20)] {
+        let screen = console.shown(columns, rows);
+        let flat: String = screen.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(flat.contains("Passes a limit in 38 of 120 episodes, the active version in 0;"), "{screen}");
+        assert!(flat.contains("It would have to be otherwise 12 fewer of 120 episodes"), "{screen}");
+        assert!(flat.contains("params.grip_n 12 > 20") && flat.contains("w worst episode"), "{screen}");
+        let worse = screen.find("x tolerated").or_else(|| screen.find("38 of 120")).unwrap();
+        assert!(worse < screen.find("takes 4.10 s").unwrap(), "{screen}");
+    }
+    // The other check, and back.
+    console.keys("h");
+    assert!(console.keys("w").is_empty(), "interface shows no work");
+    console.press(KeyCode::Esc);
+    assert_eq!(console.model.entry.overlay, None);
+}
+
+#[test]
+fn one_key_asks_for_the_worst_episode_and_it_is_played() {
+    let mut console = at_checks();
+    console.press(KeyCode::Down);
+    console.press(KeyCode::Enter);
+    let asked = FilmAsked { of: FilmOf::Episode, number: None };
+    let effects = console.keys("w");
+    assert!(
+        matches!(&effects[..], [Effect::Ask { question: Question::Film { asked: wanted, .. }, .. }] if *wanted == asked),
+        "{effects:?}"
+    );
+    assert!(console.keys("w").is_empty(), "one at a time");
+    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
+    // It begins a second before it goes wrong, and runs.
+    assert_eq!((console.player().tick(), console.player().runs()), (240, true));
+    console.now_ms += 500;
+    console.tell(MsgKind::Tick);
+    assert_eq!(console.player().tick(), 360);
+    let screen = console.shown(120, 36);
+    for part in ["episode 17 of 120, seed 10016", "it passes a limit", "as recorded", "does the task, 3.0 s"]
+    {
+        assert!(screen.contains(part), "{part}: {screen}");
+    }
+    console.keys("m");
+    assert_eq!((console.player().tick(), console.player().runs()), (480, false));
+    assert!(
+        console.shown(80, 24).contains("2.0 s: a force is larger than allowed"),
+        "{}",
+        console.shown(80, 24)
+    );
+    console.keys(".");
+    assert_eq!(console.player().tick(), 488);
+    console.keys(",,");
+    assert_eq!(console.player().tick(), 472);
+    console.keys("]]");
+    assert_eq!(console.player().tick(), 960);
+    console.keys("[h");
+    assert_eq!(console.player().tick(), 240);
+    console.keys(" ");
+    console.now_ms += 60_000;
+    console.tell(MsgKind::Tick);
+    console.now_ms += 60_000;
+    console.tell(MsgKind::Tick);
+    console.now_ms += 60_000;
+    console.tell(MsgKind::Tick);
+    assert_eq!((console.player().tick(), console.player().runs()), (960, false), "it stands at its end");
+    // The next one, then back to why, then to the checks.
+    let effects = console.keys("n");
+    let next = FilmAsked { of: FilmOf::Episode, number: Some(18) };
+    assert!(
+        matches!(&effects[..], [Effect::Ask { question: Question::Film { asked, .. }, .. }] if *asked == next),
+        "{effects:?}"
+    );
+    console.press(KeyCode::Esc);
+    assert!(matches!(console.model.entry.overlay, Some(Overlay::Why(_))));
+    console.press(KeyCode::Esc);
+    assert_eq!(console.model.entry.overlay, None);
+    // What comes then opens nothing by itself.
+    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(18)) });
+    assert_eq!(console.model.entry.overlay, None);
+}
+
+#[test]
+fn the_arm_can_be_stopped_from_every_one_of_them() {
+    for keys in ["", "w"] {
+        let mut console = at_checks();
+        console.press(KeyCode::Down);
+        console.press(KeyCode::Enter);
+        console.keys(keys);
+        if !keys.is_empty() {
+            console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
+        }
+        let effects = console.keys("X");
+        assert!(
+            matches!(&effects[..], [Effect::Ask { question: Question::Stop { .. }, .. }]),
+            "{keys:?}: {effects:?}"
+        );
+    }
+}
+
+/// Nothing typed there does anything but look.
+#[test]
+fn no_key_of_them_changes_anything() {
+    for letter in (' '..='~').filter(|letter| *letter != 'X') {
+        for open in [false, true] {
+            let mut console = at_checks();
+            console.press(KeyCode::Down);
+            console.press(KeyCode::Enter);
+            if open {
+                console.keys("w");
+                console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
+            }
+            let effects = console.press(KeyCode::Char(letter));
+            let only_looks = effects.iter().all(|effect| match effect {
+                Effect::Ask { question, .. } => {
+                    matches!(question, Question::Film { .. } | Question::Detail(_))
+                }
+                Effect::OpenRecording(_) | Effect::OpenLive | Effect::Copy(_) => true,
+                _ => false,
+            });
+            assert!(only_looks, "{letter:?}: {effects:?}");
+        }
+    }
+}
+
+#[test]
+fn a_film_that_is_not_what_was_recorded_says_so() {
+    let mut console = at_checks();
+    console.press(KeyCode::Down);
+    console.press(KeyCode::Enter);
+    console.keys("w");
+    let mut film = film(17);
+    film.candidate.as_recorded = Some(false);
+    film.doubts.push("it was judged by another build, or in another cell".to_owned());
+    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film) });
+    let screen = console.shown(120, 36);
+    assert!(screen.contains("NOT AS RECORDED") && screen.contains("judged by another build"), "{screen}");
+    assert_eq!(console.model.subject_detail().unwrap().why[1].about, Dimension::Behavior);
+}

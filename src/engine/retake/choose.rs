@@ -1,0 +1,274 @@
+//! Which piece of work is meant: a numbered one, or the worst.
+//!
+//! The worst pair is the one that shows most of what decided: bad in the component the rules found against the version,
+//! good in the version it was compared with, then by gravity. Reads evidence; judges nothing.
+
+use holdpoint_governance::behavior::{ComponentName, component_of};
+use holdpoint_governance::evidence::{AloneEpisode, DrillKind, EpisodeValues, FailedDrill, Pair};
+use holdpoint_protocol::film::{FilmAsked, FilmOf};
+
+use crate::dossier::Dossier;
+
+/// The piece that is meant.
+pub(crate) struct Chosen {
+    /// Its place, from 1.
+    pub(crate) number: u32,
+    pub(crate) count: u32,
+    /// Why this one, where the worst was wanted; empty otherwise.
+    pub(crate) why: String,
+    pub(crate) found: Found,
+}
+
+pub(crate) enum Found {
+    Pair(Box<Pair>),
+    Drill(FailedDrill),
+    Alone(Box<AloneEpisode>),
+}
+
+/// Finds it; a sentence says why it cannot.
+pub(crate) fn choose(dossier: &Dossier, asked: FilmAsked) -> Result<Chosen, String> {
+    match asked.of {
+        FilmOf::Episode => pair(&dossier.pairs, decisive(dossier), asked, "of the sandbox"),
+        FilmOf::Confirmation => {
+            let settled = dossier.confirmation.as_ref();
+            let pairs = settled.map_or(&[][..], |confirmation| &confirmation.pairs.pairs);
+            pair(pairs, decisive(dossier), asked, "of a confirmation")
+        }
+        FilmOf::Drill => drill(&dossier.failed_drills, asked),
+        FilmOf::Alone => alone(&dossier.alone, asked),
+    }
+}
+
+/// The component of behaviour that the rules found against the version first.
+pub(crate) fn decisive(dossier: &Dossier) -> Option<ComponentName> {
+    let assessment = &dossier.behavior.as_ref()?.assessment;
+    let against = assessment.reasons.iter().filter(|reason| !crate::explain::is_in_favour(reason.code));
+    against.into_iter().find_map(|reason| component_of(reason.code, &reason.text))
+}
+
+fn pair(
+    pairs: &[Pair],
+    decisive: Option<ComponentName>,
+    asked: FilmAsked,
+    whose: &str,
+) -> Result<Chosen, String> {
+    if pairs.is_empty() {
+        return Err(format!("no paired episode {whose} is on record"));
+    }
+    let index = match asked.number {
+        Some(number) => numbered(number, pairs.len(), "paired episodes")?,
+        None => worst(pairs, decisive),
+    };
+    let pair = *pairs.get(index).ok_or("there is no such episode")?;
+    let why = if asked.number.is_some() { String::new() } else { why(&pair, decisive) };
+    Ok(Chosen {
+        number: count(index + 1),
+        count: count(pairs.len()),
+        why,
+        found: Found::Pair(Box::new(pair)),
+    })
+}
+
+fn drill(failed: &[FailedDrill], asked: FilmAsked) -> Result<Chosen, String> {
+    if failed.is_empty() {
+        return Err("no failed drill is on record one by one".to_owned());
+    }
+    let index = match asked.number {
+        Some(number) => numbered(number, failed.len(), "failed drills")?,
+        None => worst_drill(failed),
+    };
+    let found = *failed.get(index).ok_or("there is no such drill")?;
+    let why = match (asked.number, found.active) {
+        (Some(_), _) => String::new(),
+        (None, Some(true)) => "a kind that fails most, and the active version passes this one".to_owned(),
+        (None, Some(false)) => "the kind that fails most; the active version fails this one too".to_owned(),
+        (None, None) => "the kind that fails most".to_owned(),
+    };
+    Ok(Chosen { number: count(index + 1), count: count(failed.len()), why, found: Found::Drill(found) })
+}
+
+fn alone(worked: &[AloneEpisode], asked: FilmAsked) -> Result<Chosen, String> {
+    if worked.is_empty() {
+        return Err("no episode that it worked alone is on record one by one".to_owned());
+    }
+    let gravity = |episode: &AloneEpisode| -> [f64; 7] {
+        let mut score = [0.0; 7];
+        score[0] = f64::from(u8::from(episode.hard_stop.is_some()));
+        for (place, name) in score[1..].iter_mut().zip(GRAVITY) {
+            *place = badness(name, &episode.values);
+        }
+        score
+    };
+    let index = match asked.number {
+        Some(number) => numbered(number, worked.len(), "episodes that it worked alone")?,
+        None => first_most(worked.iter().map(gravity)),
+    };
+    let episode = *worked.get(index).ok_or("there is no such episode")?;
+    let why = match (asked.number, episode.hard_stop) {
+        (Some(_), _) => String::new(),
+        (None, Some(stop)) => format!("{}, which ends an evaluation", stop.sentence()),
+        (None, None) => "the gravest of them".to_owned(),
+    };
+    let found = Found::Alone(Box::new(episode));
+    Ok(Chosen { number: count(index + 1), count: count(worked.len()), why, found })
+}
+
+/// Place of the largest; of equal ones the first.
+fn first_most<const N: usize>(scores: impl Iterator<Item = [f64; N]>) -> usize {
+    let mut most: Option<(usize, [f64; N])> = None;
+    for (index, score) in scores.enumerate() {
+        let order = most.as_ref().map(|(_, most)| {
+            let parts = score.iter().zip(most).map(|(new, old)| new.total_cmp(old));
+            parts.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+        });
+        if order.is_none_or(std::cmp::Ordering::is_gt) {
+            most = Some((index, score));
+        }
+    }
+    most.map_or(0, |(index, _)| index)
+}
+
+fn count(number: usize) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
+}
+
+fn numbered(number: u32, all: usize, what: &str) -> Result<usize, String> {
+    let index = usize::try_from(number).ok().and_then(|number| number.checked_sub(1));
+    index.filter(|index| *index < all).ok_or_else(|| format!("number {number} is not among the {all} {what}"))
+}
+
+/// How bad an episode is in one component; 0 is good.
+pub(crate) fn badness(name: ComponentName, values: &EpisodeValues) -> f64 {
+    let flag = |on: bool| if on { 1.0 } else { 0.0 };
+    match name {
+        ComponentName::Success => flag(!values.success),
+        ComponentName::Time => values.time_s,
+        ComponentName::Retry => f64::from(values.retries),
+        ComponentName::Violation => flag(values.violation),
+        ComponentName::Anomaly => flag(values.anomaly),
+        ComponentName::Recovery => flag(values.recovery),
+    }
+}
+
+/// By gravity, the gravest first.
+const GRAVITY: [ComponentName; 6] = [
+    ComponentName::Violation,
+    ComponentName::Recovery,
+    ComponentName::Anomaly,
+    ComponentName::Success,
+    ComponentName::Retry,
+    ComponentName::Time,
+];
+
+/// Place of the pair that shows most; of equal ones the first.
+fn worst(pairs: &[Pair], decisive: Option<ComponentName>) -> usize {
+    let score = |pair: &Pair| -> [f64; 8] {
+        let excess = |name| badness(name, &pair.candidate) - badness(name, &pair.active);
+        let mut score = [0.0; 8];
+        score[0] = decisive.map_or(0.0, excess);
+        score[1] = pair.candidate.unsafe_continuation_ms;
+        for (place, name) in score[2..].iter_mut().zip(GRAVITY) {
+            *place = excess(name);
+        }
+        score
+    };
+    first_most(pairs.iter().map(score))
+}
+
+/// What the candidate does in a pair that the other does not, the gravest first.
+fn why(pair: &Pair, decisive: Option<ComponentName>) -> String {
+    let first = decisive.into_iter().chain(GRAVITY);
+    let mut said = first.filter(|name| badness(*name, &pair.candidate) > badness(*name, &pair.active));
+    let other = "the active version";
+    match said.next() {
+        Some(ComponentName::Violation) => format!("it passes a limit, {other} does not"),
+        Some(ComponentName::Recovery) => format!("the recovery manager has to take over, not from {other}"),
+        Some(ComponentName::Anomaly) => format!("the watcher names a failure, of {other} none"),
+        Some(ComponentName::Success) => format!("it does not do the task, {other} does"),
+        Some(ComponentName::Retry) => {
+            format!("it tries {} times more often than {other}", pair.candidate.retries - pair.active.retries)
+        }
+        Some(ComponentName::Time) => {
+            let more = pair.candidate.time_s - pair.active.time_s;
+            format!("it takes {more:.1} s longer than {other}")
+        }
+        None => format!("in no episode on record is it worse than {other}"),
+    }
+}
+
+/// Place of the first drill of the kind that fails most where the active version passes, else that fails most.
+fn worst_drill(failed: &[FailedDrill]) -> usize {
+    let held_against = |drill: &&FailedDrill| drill.active == Some(true);
+    let number = |kind: DrillKind, alone: bool| {
+        failed.iter().filter(|drill| drill.kind == kind && (!alone || held_against(drill))).count()
+    };
+    let alone = failed.iter().any(|drill| held_against(&drill));
+    let mut kinds = DrillKind::ALL;
+    kinds.sort_by_key(|kind| std::cmp::Reverse(number(*kind, alone)));
+    let first = failed.iter().position(|drill| drill.kind == kinds[0] && (!alone || held_against(&drill)));
+    first.unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values(violation: bool, success: bool) -> EpisodeValues {
+        EpisodeValues {
+            success,
+            violation,
+            anomaly: false,
+            recovery: false,
+            intervention: false,
+            timeout: false,
+            near_violation: false,
+            policy_warning: false,
+            retries: 0,
+            time_s: 4.0,
+            unsafe_continuation_ms: 0.0,
+            harm: None,
+        }
+    }
+
+    fn pair(seed: u64, candidate: EpisodeValues, active: EpisodeValues) -> Pair {
+        Pair { seed, active, candidate }
+    }
+
+    #[test]
+    fn the_worst_pair_shows_what_decided() {
+        let good = values(false, true);
+        let pairs = [
+            pair(1, good, good),
+            pair(2, values(false, false), good),
+            pair(3, values(true, true), values(true, true)),
+            pair(4, values(true, true), good),
+            pair(5, values(true, false), good),
+        ];
+        assert_eq!(pairs[worst(&pairs, None)].seed, 5, "the gravest, and most of it");
+        assert_eq!(pairs[worst(&pairs, Some(ComponentName::Success))].seed, 5);
+        assert_eq!(pairs[worst(&pairs[..4], Some(ComponentName::Success))].seed, 2);
+        assert_eq!(pairs[worst(&pairs[..4], Some(ComponentName::Violation))].seed, 4);
+        assert_eq!(why(&pairs[3], None), "it passes a limit, the active version does not");
+        assert_eq!(why(&pairs[0], None), "in no episode on record is it worse than the active version");
+    }
+
+    #[test]
+    fn a_drill_that_the_active_version_passes_comes_first() {
+        let failed = |kind, seed, active| FailedDrill { kind, phase: None, seed, active };
+        let all = [
+            failed(DrillKind::Abort, 1, Some(false)),
+            failed(DrillKind::Abort, 2, Some(false)),
+            failed(DrillKind::Detect, 3, Some(false)),
+            failed(DrillKind::Detect, 4, Some(true)),
+        ];
+        assert_eq!(all[worst_drill(&all)].seed, 4);
+        assert_eq!(all[worst_drill(&all[..3])].seed, 1);
+    }
+
+    #[test]
+    fn a_number_is_held_against_what_there_is() {
+        assert_eq!(numbered(1, 3, "x"), Ok(0));
+        assert_eq!(numbered(4, 3, "drills").unwrap_err(), "number 4 is not among the 3 drills");
+        assert!(numbered(0, 3, "x").is_err());
+    }
+}

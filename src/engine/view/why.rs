@@ -1,0 +1,388 @@
+//! Why a check came out as it did, in one sentence with its numbers, and what was measured, by weight.
+//!
+//! Says everything in one direction: more is worse. Counts come from the raw pairs and drills, verdicts from the rules'
+//! own bounds; judges nothing.
+
+use holdpoint_governance::behavior::{Component, ComponentName};
+use holdpoint_governance::decision::{Dimension, Kappa, Reason};
+use holdpoint_governance::evidence::{DrillKind, DrillTally, Pair};
+use holdpoint_protocol::detail::{FindingVerdict, WhyFinding, WhyView};
+use holdpoint_protocol::film::{FilmAsked, FilmOf};
+
+use crate::dossier::Dossier;
+use crate::explain::{changes, is_in_favour};
+use crate::retake::choose::{Chosen, badness, choose, decisive};
+
+/// The four compatibilities, in their order.
+const CHECKS: [Dimension; 4] =
+    [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
+
+/// Why each part of the rules came out as it did: the four compatibilities, then whatever else has reasons.
+pub(crate) fn whys(dossier: &Dossier, reasons: &[Reason]) -> Vec<WhyView> {
+    if dossier.kappas.is_none() {
+        return Vec::new();
+    }
+    let mut about = CHECKS.to_vec();
+    for reason in reasons {
+        if !about.contains(&reason.dimension) {
+            about.push(reason.dimension);
+        }
+    }
+    about.into_iter().map(|about| why(dossier, reasons, about)).collect()
+}
+
+fn why(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView {
+    let against = reasons.iter().filter(|reason| reason.dimension == about && !is_in_favour(reason.code));
+    WhyView { change: changes(dossier, against), ..measured(dossier, reasons, about) }
+}
+
+/// As [`why`], without what would have to change: that reads the whole dossier.
+fn measured(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView {
+    let own: Vec<&Reason> = reasons.iter().filter(|reason| reason.dimension == about).collect();
+    let first_against = own.iter().copied().find(|reason| !is_in_favour(reason.code));
+    let (findings, film) = match about {
+        // What was stopped before it was compared is seen alone.
+        Dimension::Behavior if dossier.pairs.is_empty() => {
+            (stated(&own), film_of(FilmOf::Alone, dossier.alone.is_empty()))
+        }
+        Dimension::Behavior => (behaviour(dossier), film_of(FilmOf::Episode, false)),
+        Dimension::Recovery => (recovery(dossier), film_of(FilmOf::Drill, dossier.failed_drills.is_empty())),
+        Dimension::Interface
+        | Dimension::Policy
+        | Dimension::Composition
+        | Dimension::Shadow
+        | Dimension::Gate
+        | Dimension::Approval
+        | Dimension::Monitor => (stated(&own), None),
+    };
+    let found = match about {
+        Dimension::Behavior => decisive_component(dossier).or_else(|| lead(&findings, first_against)),
+        Dimension::Recovery => lead(&findings, first_against),
+        _ => None,
+    };
+    let decisive = match (found, first_against) {
+        (Some(found), Some(reason)) if !says_the_same(about, dossier) => {
+            format!("{found}: {}", with_numbers(reason))
+        }
+        (Some(found), Some(_)) => found,
+        (None, Some(reason)) => with_numbers(reason),
+        (_, None) => in_favour(dossier, about, &own, &findings),
+    };
+    WhyView { about, decisive, change: Vec::new(), findings, film }
+}
+
+/// What decided on behaviour and recovery, and which work shows it, for who has to decide: one sentence each.
+pub(crate) fn in_short(dossier: &Dossier) -> Vec<String> {
+    let Some(kappas) = &dossier.kappas else { return Vec::new() };
+    let reasons = [&kappas.behavior.reasons[..], &kappas.recovery.reasons[..]].concat();
+    let mut said = Vec::new();
+    for about in [Dimension::Behavior, Dimension::Recovery] {
+        let WhyView { decisive, film, .. } = measured(dossier, &reasons, about);
+        said.push(format!("{}: {decisive}", about.words()));
+        let chosen = film.and_then(|asked| choose(dossier, asked).ok().map(|chosen| (asked.of, chosen)));
+        if let Some((of, Chosen { number, count, why, .. })) = chosen {
+            said.push(format!("the worst {of} is number {number} of {count}: {why}"));
+        }
+    }
+    said
+}
+
+/// Whether the sentence of the measured component says what the first reason says.
+fn says_the_same(about: Dimension, dossier: &Dossier) -> bool {
+    about == Dimension::Behavior && decisive(dossier).is_some()
+}
+
+const fn film_of(of: FilmOf, nothing: bool) -> Option<FilmAsked> {
+    if nothing { None } else { Some(FilmAsked { of, number: None }) }
+}
+
+/// The gravest finding, where the rules found something.
+fn lead(findings: &[WhyFinding], against: Option<&Reason>) -> Option<String> {
+    against?;
+    let gravest = findings.iter().find(|finding| finding.verdict == FindingVerdict::Worse);
+    gravest.map(|finding| finding.text.clone())
+}
+
+fn with_numbers(reason: &Reason) -> String {
+    match (reason.evidence, reason.limit) {
+        (Some(found), Some(limit)) => {
+            format!("{} ({} against a limit of {})", reason.text, number(found), number(limit))
+        }
+        (Some(found), None) => format!("{} ({})", reason.text, number(found)),
+        (None, _) => reason.text.clone(),
+    }
+}
+
+/// A sentence where nothing speaks against it.
+fn in_favour(dossier: &Dossier, about: Dimension, own: &[&Reason], findings: &[WhyFinding]) -> String {
+    let kappas = dossier.kappas.as_ref();
+    let kappa = |about| -> Option<Kappa> {
+        let kappas = kappas?;
+        match about {
+            Dimension::Interface => kappas.interface.kappa,
+            Dimension::Policy => kappas.policy.kappa,
+            Dimension::Behavior => kappas.behavior.kappa,
+            Dimension::Recovery => kappas.recovery.kappa,
+            _ => None,
+        }
+    };
+    let value = kappa(about).map_or_else(String::new, |kappa| format!("{:.3}: ", kappa.get()));
+    let nearest = findings.first().filter(|_| matches!(about, Dimension::Behavior | Dimension::Recovery));
+    match (nearest, own.first()) {
+        (Some(nearest), _) => {
+            format!("{value}nothing speaks against it; nearest to a limit, it {}", nearest.text)
+        }
+        (None, Some(reason)) => format!("{value}{}", with_numbers(reason)),
+        (None, None) if dossier.pairs.is_empty() && about == Dimension::Behavior => {
+            "not measured yet: the sandbox does that".to_owned()
+        }
+        (None, None) => format!("{value}nothing speaks against it"),
+    }
+}
+
+/// Reasons as findings, those against it first.
+fn stated(own: &[&Reason]) -> Vec<WhyFinding> {
+    let mut all: Vec<WhyFinding> = own
+        .iter()
+        .map(|reason| WhyFinding {
+            text: with_numbers(reason),
+            weight: None,
+            verdict: if is_in_favour(reason.code) {
+                FindingVerdict::Tolerable
+            } else {
+                FindingVerdict::Worse
+            },
+        })
+        .collect();
+    all.sort_by_key(|finding| finding.verdict);
+    all
+}
+
+/// The component the rules found first, as a sentence.
+fn decisive_component(dossier: &Dossier) -> Option<String> {
+    let name = decisive(dossier)?;
+    let component = dossier.behavior.as_ref()?.components.iter().find(|component| component.name == name)?;
+    Some(sentence(component, &dossier.pairs))
+}
+
+/// Components, harm and sequences, the gravest first.
+fn behaviour(dossier: &Dossier) -> Vec<WhyFinding> {
+    let Some(behavior) = &dossier.behavior else { return Vec::new() };
+    let verdict = |worse, tolerable| match (worse, tolerable) {
+        (true, _) => FindingVerdict::Worse,
+        (false, true) => FindingVerdict::Tolerable,
+        (false, false) => FindingVerdict::Doubtful,
+    };
+    let components = behavior.components.iter().map(|component| WhyFinding {
+        text: sentence(component, &dossier.pairs),
+        weight: weight(component.worsening, component.tolerance),
+        verdict: verdict(component.is_established(), component.is_within_tolerance()),
+    });
+    // A measure in which the two do not differ says nothing of either.
+    let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
+    let harm = differing.map(|harm| WhyFinding {
+        text: harm.sentence(),
+        weight: weight(harm.worsening, harm.tolerance),
+        verdict: verdict(harm.is_established(), harm.is_within_tolerance()),
+    });
+    let sequences = behavior.sequences.iter().filter(|found| found.is_doubtful()).map(|found| WhyFinding {
+        text: format!(
+            "whole sequences: {} {} with it, {} with the active version; at most {} more is tolerated",
+            found.measure.words(),
+            number(found.candidate),
+            number(found.active),
+            number(found.tolerance)
+        ),
+        weight: weight(found.worsening, found.tolerance),
+        verdict: verdict(found.is_established(), false),
+    });
+    let mut all: Vec<WhyFinding> = components.chain(harm).chain(sequences).collect();
+    by_gravity(&mut all);
+    all
+}
+
+fn by_gravity(all: &mut [WhyFinding]) {
+    let heavy = |finding: &WhyFinding| finding.weight.unwrap_or(f64::NEG_INFINITY);
+    all.sort_by(|a, b| a.verdict.cmp(&b.verdict).then(heavy(b).total_cmp(&heavy(a))));
+}
+
+fn weight(worsening: f64, tolerance: f64) -> Option<f64> {
+    let weight = worsening / tolerance;
+    weight.is_finite().then_some(weight)
+}
+
+/// `passes a limit in 38 of 120 episodes, the active version in 0; at most 5 % more is tolerated`.
+fn sentence(component: &Component, pairs: &[Pair]) -> String {
+    let Component { name, tolerance, .. } = *component;
+    let n = pairs.len();
+    let count = |of: &dyn Fn(&Pair) -> f64| pairs.iter().filter(|pair| of(pair) > 0.0).count();
+    let new = |pair: &Pair| badness(name, &pair.candidate);
+    let old = |pair: &Pair| badness(name, &pair.active);
+    #[allow(clippy::cast_precision_loss, reason = "episodes are few")]
+    let mean = |of: &dyn Fn(&Pair) -> f64, among: &dyn Fn(&Pair) -> bool| {
+        let chosen: Vec<f64> = pairs.iter().filter(|pair| among(pair)).map(of).collect();
+        if chosen.is_empty() { 0.0 } else { chosen.iter().sum::<f64>() / chosen.len() as f64 }
+    };
+    let more = format!("at most {} % more is tolerated", number(100.0 * tolerance));
+    match name {
+        ComponentName::Violation => {
+            format!(
+                "passes a limit in {} of {n} episodes, the active version in {}; {more}",
+                count(&new),
+                count(&old)
+            )
+        }
+        ComponentName::Anomaly => format!(
+            "shows a failure to the watcher in {} of {n} episodes, the active version in {}; {more}",
+            count(&new),
+            count(&old)
+        ),
+        ComponentName::Recovery => format!(
+            "needs the recovery manager in {} of {n} episodes, the active version in {}; {more}",
+            count(&new),
+            count(&old)
+        ),
+        ComponentName::Success => format!(
+            "does not do the task in {} of {n} episodes, the active version in {}; {more}",
+            count(&new),
+            count(&old)
+        ),
+        ComponentName::Retry => {
+            let all = |_: &Pair| true;
+            format!(
+                "tries {} times more an episode, the active version {}; at most {} more are tolerated",
+                number(mean(&new, &all)),
+                number(mean(&old, &all)),
+                number(tolerance)
+            )
+        }
+        ComponentName::Time => {
+            let both = |pair: &Pair| pair.candidate.success && pair.active.success;
+            format!(
+                "takes {:.2} s where both do the task, the active version {:.2} s; at most {} % longer is tolerated",
+                mean(&new, &both),
+                mean(&old, &both),
+                number(100.0 * tolerance)
+            )
+        }
+    }
+}
+
+/// Each kind of drill, the one that fails most beyond the active version's first.
+fn recovery(dossier: &Dossier) -> Vec<WhyFinding> {
+    let Some((candidate, active)) = &dossier.drills else { return Vec::new() };
+    let kinds = dossier.recovery.as_ref().map(|recovery| recovery.kinds.as_slice()).unwrap_or_default();
+    let share = |tally: &DrillTally| match tally.feasible() {
+        0 => 0.0,
+        all => f64::from(tally.failed) / f64::from(all),
+    };
+    let worked = DrillKind::ALL.into_iter().filter(|kind| candidate.of(*kind).feasible() > 0);
+    let mut all: Vec<(f64, WhyFinding)> = worked
+        .map(|kind| {
+            let (new, old) = (candidate.of(kind), active.of(kind));
+            let text = format!(
+                "fails {} of {} {kind} drills, the active version {} of {}",
+                new.failed,
+                new.feasible(),
+                old.failed,
+                old.feasible()
+            );
+            let excess = share(new) - share(old);
+            let rates = kinds.iter().find(|rates| rates.kind == kind);
+            let verdict = match rates {
+                Some(rates) if rates.established_worse => FindingVerdict::Worse,
+                Some(rates) if !rates.leans_worse => FindingVerdict::Tolerable,
+                // Too few of them for the rule's bound, or a lean.
+                Some(_) | None if new.failed > 0 => FindingVerdict::Doubtful,
+                Some(_) | None => FindingVerdict::Tolerable,
+            };
+            (excess.max(share(new) / 2.0), WhyFinding { text, weight: None, verdict })
+        })
+        .collect();
+    all.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    let against = dossier.recovery.iter().flat_map(|recovery| &recovery.assessment.reasons);
+    let is_against = against.into_iter().any(|reason| !is_in_favour(reason.code));
+    if let Some((_, gravest)) = all.first_mut().filter(|(excess, _)| is_against && *excess > 0.0) {
+        gravest.verdict = FindingVerdict::Worse;
+    }
+    all.into_iter().map(|(_, finding)| finding).collect()
+}
+
+/// A number in as few digits as tell it.
+fn number(value: f64) -> String {
+    let digits = match value.abs() {
+        size if size >= 100.0 => 0,
+        size if size >= 10.0 => 1,
+        size if size >= 1.0 => 2,
+        _ => 3,
+    };
+    let text = format!("{value:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use holdpoint_governance::evidence::EpisodeValues;
+
+    fn pair(violation: bool) -> Pair {
+        let values = EpisodeValues {
+            success: true,
+            violation: false,
+            anomaly: false,
+            recovery: false,
+            intervention: false,
+            timeout: false,
+            near_violation: false,
+            policy_warning: false,
+            retries: 0,
+            time_s: 4.0,
+            unsafe_continuation_ms: 0.0,
+            harm: None,
+        };
+        Pair { seed: 1, active: values, candidate: EpisodeValues { violation, ..values } }
+    }
+
+    #[test]
+    fn a_component_is_said_in_counts_of_what_is_bad() {
+        let component = Component {
+            name: ComponentName::Violation,
+            worsening: 0.5,
+            lower: 0.1,
+            upper: Some(0.9),
+            tolerance: 0.05,
+        };
+        let pairs = [pair(true), pair(false)];
+        assert_eq!(
+            sentence(&component, &pairs),
+            "passes a limit in 1 of 2 episodes, the active version in 0; at most 5 % more is tolerated"
+        );
+        assert_eq!(weight(0.5, 0.05), Some(10.0));
+        assert_eq!(weight(0.5, 0.0), None);
+    }
+
+    #[test]
+    fn the_gravest_stands_first() {
+        let finding = |weight, verdict| WhyFinding { text: String::new(), weight, verdict };
+        let mut all = [
+            finding(Some(9.0), FindingVerdict::Tolerable),
+            finding(Some(1.0), FindingVerdict::Worse),
+            finding(None, FindingVerdict::Doubtful),
+            finding(Some(3.0), FindingVerdict::Worse),
+        ];
+        by_gravity(&mut all);
+        assert_eq!(all.map(|finding| finding.weight), [Some(3.0), Some(1.0), None, Some(9.0)]);
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let said = [0.0, 5.0, 0.125, 12.345, 1234.5, 0.0004, 100.0].map(number);
+        assert_eq!(said, ["0", "5", "0.125", "12.3", "1234", "0", "100"]);
+    }
+
+    #[test]
+    fn a_version_that_nobody_assessed_has_no_why() {
+        assert!(whys(&Dossier::default(), &[]).is_empty());
+    }
+}

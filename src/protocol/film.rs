@@ -1,0 +1,216 @@
+//! Work of an evaluation, seen again: which piece is wanted, and the pictures of it.
+//!
+//! Nothing of it is stored. It is computed from what the record says determined it (versions, cell, terms, seed), and
+//! held against what the record says came of it. It decides nothing.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use holdpoint_body::TaskKind;
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::phase::WorkPhase;
+
+use crate::picture::{ArmPicture, Block, EnvelopePicture, Scenery};
+
+holdpoint_governance::words! {
+    /// What kind of work is wanted.
+    FilmOf, "kind of work", {
+        /// A paired episode of the sandbox, perturbed.
+        Episode = "episode",
+        /// An episode of the sandbox in which the candidate works alone, first undisturbed, then under stress.
+        Alone = "alone",
+        /// A recovery drill of the sandbox.
+        Drill = "drill",
+        /// A paired episode of the confirmation.
+        Confirmation = "confirmation",
+    }
+}
+
+/// Which piece of work is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FilmAsked {
+    /// The kind of work.
+    pub of: FilmOf,
+    /// Its place among those on record, from 1; absent for the worst of them: for drills, of those that failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub number: Option<u32>,
+}
+
+/// One moment of a piece of work, 30 a second of simulated time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FilmFrame {
+    /// Ticks since the episode began; 240 are a second.
+    pub tick: u64,
+    /// Arm and object.
+    pub body: ArmPicture,
+    /// Measured joint positions, rad, from the base on.
+    pub q: Vec<f32>,
+    /// Measured joint torques, N m, from the base on.
+    pub tau: Vec<f32>,
+    /// Largest measured speed of the tool since the frame before, m/s.
+    pub speed_m_s: f32,
+    /// Largest measured force of the pads on the object since the frame before, N.
+    pub grip_n: f32,
+    /// Largest measured force on the surroundings since the frame before, N.
+    pub contact_n: f32,
+    /// Whether something touched since the frame before that no task touches.
+    pub touched: bool,
+    /// Whether the arm was told to stop, or the skill declared that it failed.
+    pub stopped: bool,
+}
+
+/// Something that happened in a piece of work.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FilmMark {
+    /// When, ticks since the episode began.
+    pub tick: u64,
+    /// What, a few words.
+    pub text: String,
+    /// Whether it speaks against the version.
+    pub bad: bool,
+}
+
+/// How one version did a piece of work.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FilmedRun {
+    /// Who worked.
+    pub version: CapabilityId,
+    /// What its guard allows of it.
+    pub envelope: EnvelopePicture,
+    /// What came of it, in words, the gravest first.
+    pub ended: String,
+    /// Whether exactly that is on record; absent if the record does not say.
+    pub as_recorded: Option<bool>,
+    /// What happened, in order.
+    pub marks: Vec<FilmMark>,
+    /// What stands in the cell: the parts of the tray, then the clutter.
+    pub blocks: Vec<Block>,
+    /// The pictures, in order; none if it could not be worked.
+    pub frames: Vec<FilmFrame>,
+}
+
+impl FilmedRun {
+    /// When it went wrong first, ticks; absent if nothing did.
+    #[must_use]
+    pub fn failed_at(&self) -> Option<u64> {
+        self.marks.iter().find(|mark| mark.bad).map(|mark| mark.tick)
+    }
+
+    /// The frame that shows a moment: the last one before it, or the first.
+    #[must_use]
+    pub fn frame_at(&self, tick: u64) -> Option<&FilmFrame> {
+        let after = self.frames.partition_point(|frame| frame.tick <= tick);
+        self.frames.get(after.saturating_sub(1))
+    }
+}
+
+/// A piece of work of a candidate, with the same of the version it was compared with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Film {
+    /// The kind of work.
+    pub of: FilmOf,
+    /// Its place among those on record, from 1.
+    pub number: u32,
+    /// How many there are.
+    pub count: u32,
+    /// What was worked.
+    pub task: TaskKind,
+    /// The seed of the episode.
+    pub seed: u64,
+    /// Of a drill: which kind.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drill: Option<DrillKind>,
+    /// Of a drill: the phase of the work in which it began.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phase: Option<WorkPhase>,
+    /// Why this one, where the worst was wanted; empty otherwise.
+    pub why: String,
+    /// In what it is not what was judged (another build, profile or cell), one sentence each; empty: it is that.
+    pub doubts: Vec<String>,
+    /// What does not move.
+    pub scenery: Scenery,
+    /// How the candidate did it.
+    pub candidate: FilmedRun,
+    /// How the version it was compared with did it.
+    pub active: FilmedRun,
+}
+
+impl Film {
+    /// When the longer of the two ends, ticks.
+    #[must_use]
+    pub fn end(&self) -> u64 {
+        let last = |run: &FilmedRun| run.frames.last().map_or(0, |frame| frame.tick);
+        last(&self.candidate).max(last(&self.active))
+    }
+
+    /// What it is, in a few words: `episode 17 of 120, seed 10016`.
+    #[must_use]
+    pub fn title(&self) -> String {
+        let Self { of, number, count, seed, .. } = self;
+        let what = match (self.drill, self.phase) {
+            (Some(drill), Some(phase)) => format!("{drill} drill in {phase},"),
+            (Some(drill), None) => format!("{drill} drill,"),
+            (None, _) => of.to_string(),
+        };
+        let which = if self.drill.is_some() { "failed one " } else { "" };
+        format!("{what} {which}{number} of {count}, seed {seed}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(ticks: &[u64], marks: Vec<FilmMark>) -> FilmedRun {
+        let body = ArmPicture {
+            links: vec![[0.0; 3]; 2],
+            pads: [[0.0; 3]; 2],
+            hand: crate::picture::NO_TURN,
+            object: [0.0; 3],
+            object_turn: crate::picture::NO_TURN,
+            object_half_m: 0.02,
+            held: false,
+        };
+        let frame = |tick: &u64| FilmFrame {
+            tick: *tick,
+            body: body.clone(),
+            q: Vec::new(),
+            tau: Vec::new(),
+            speed_m_s: 0.0,
+            grip_n: 0.0,
+            contact_n: 0.0,
+            touched: false,
+            stopped: false,
+        };
+        FilmedRun {
+            version: "grasp@1.0.0".parse().unwrap(),
+            envelope: EnvelopePicture { speed_m_s: 1.0, force_n: 1.0, contact_n: 1.0 },
+            ended: String::new(),
+            as_recorded: None,
+            marks,
+            blocks: Vec::new(),
+            frames: ticks.iter().map(frame).collect(),
+        }
+    }
+
+    #[test]
+    fn a_moment_is_shown_by_the_frame_before_it() {
+        let run = run(&[0, 8, 16], Vec::new());
+        let at = |tick| run.frame_at(tick).map(|frame| frame.tick);
+        assert_eq!([at(0), at(7), at(8), at(500)], [Some(0), Some(0), Some(8), Some(16)]);
+        assert!(self::run(&[], Vec::new()).frame_at(3).is_none());
+    }
+
+    #[test]
+    fn the_first_bad_mark_is_where_it_failed() {
+        let mark = |tick, bad| FilmMark { tick, text: String::new(), bad };
+        assert_eq!(run(&[], vec![mark(3, false), mark(9, true), mark(12, true)]).failed_at(), Some(9));
+        assert_eq!(run(&[], vec![mark(3, false)]).failed_at(), None);
+    }
+}

@@ -1,0 +1,148 @@
+//! Work of an evaluation, seen again: it is what was recorded, and it shows why.
+
+use std::path::Path;
+
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::trial::cache::EpisodeCache;
+use holdpoint::engine::{Config, Engine};
+use holdpoint::governance::decision::Dimension;
+use holdpoint::governance::evidence::DrillKind;
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
+use holdpoint::protocol::detail::{Detail, FindingVerdict};
+use holdpoint::protocol::film::{Film, FilmAsked, FilmOf};
+use holdpoint::runtime::capability;
+
+struct Bench {
+    engine: Engine,
+    asked: u64,
+}
+
+impl Bench {
+    fn at(data: &Path) -> Self {
+        let config = Config {
+            data,
+            profile: ProfileName::Sim.into(),
+            seed: 1,
+            jobs: 1,
+            scripted: true,
+            cell: Cell::builtin().unwrap(),
+            cache: EpisodeCache::InStore,
+        };
+        Self { engine: Engine::start(config).unwrap(), asked: 0 }
+    }
+
+    fn ask(&mut self, command: Command) -> Reply {
+        self.asked += 1;
+        self.engine.submit(Request::unsigned(format!("film-{}", self.asked), command))
+    }
+
+    /// Takes a candidate as far as it comes.
+    fn judge(&mut self, name: &str) {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
+        let package = capability::read(&path).unwrap();
+        let reply = self.ask(Command::Register { package, name: name.to_owned() });
+        let Reply::Accepted { version: Some(version), .. } = reply else { panic!("{reply:?}") };
+        for _ in 0..10_000 {
+            self.engine.advance();
+            let snapshot = self.engine.snapshot();
+            let stands = snapshot.candidates.iter().find(|candidate| candidate.version == version).unwrap();
+            if stands.state.is_terminal() {
+                return;
+            }
+        }
+        panic!("{version} is still under way");
+    }
+
+    fn film(&mut self, version: &str, of: FilmOf, number: Option<u32>) -> Result<Film, (Refusal, String)> {
+        let asked = FilmAsked { of, number };
+        match self.ask(Command::Film { version: version.parse().unwrap(), asked }) {
+            Reply::Film { film } => Ok(*film),
+            Reply::Refused { code, text, .. } => Err((code, text)),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn detail(&mut self, version: &str) -> Detail {
+        match self.ask(Command::Detail { version: version.parse().unwrap() }) {
+            Reply::Detail { detail } => *detail,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn the_worst_episode_is_what_was_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bench = Bench::at(folder.path());
+    bench.judge("grasp-hard-grip");
+    let version = "grasp@1.1.2";
+    let film = bench.film(version, FilmOf::Episode, None).unwrap();
+    assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
+    assert!(film.doubts.is_empty(), "{:?}", film.doubts);
+    assert!(film.candidate.failed_at().is_some(), "{:?}", film.candidate.marks);
+    assert!(!film.why.is_empty() && film.candidate.frames.len() > 30 && film.active.frames.len() > 30);
+    let ticks: Vec<u64> = film.candidate.frames.iter().map(|frame| frame.tick).collect();
+    assert!(ticks.windows(2).all(|two| two[1] == two[0] + 8), "{ticks:?}");
+
+    // Every one of them is as recorded, also in an engine that comes up on the store later.
+    drop(bench);
+    let mut later = Bench::at(folder.path());
+    for number in [1, film.count / 2, film.count] {
+        let film = later.film(version, FilmOf::Episode, Some(number)).unwrap();
+        assert_eq!((film.number, film.why.as_str()), (number, ""));
+        assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
+    }
+    let (code, text) = later.film(version, FilmOf::Episode, Some(film.count + 1)).unwrap_err();
+    assert_eq!(code, Refusal::NotFound);
+    assert!(text.contains(&format!("number {} is not among the {}", film.count + 1, film.count)), "{text}");
+    let (code, text) = later.film("grasp@1.0.0", FilmOf::Episode, None).unwrap_err();
+    assert_eq!(code, Refusal::NotFound, "{text}");
+
+    let detail = later.detail(version);
+    let why = detail.why.iter().find(|why| why.about == Dimension::Behavior).unwrap();
+    assert!(why.decisive.contains(" episodes, the active version in "), "{}", why.decisive);
+    assert_eq!(why.film, Some(FilmAsked { of: FilmOf::Episode, number: None }));
+    assert_eq!(why.findings.first().map(|finding| finding.verdict), Some(FindingVerdict::Worse));
+    assert!(!why.change.is_empty());
+}
+
+/// What is stopped before anything is compared can be seen all the same.
+#[test]
+fn what_ended_an_evaluation_is_seen_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bench = Bench::at(folder.path());
+    bench.judge("align-past-permissions");
+    let version = &bench.engine.snapshot().candidates[0].version.to_string();
+    let why = bench.detail(version).why;
+    let behaviour = why.iter().find(|why| why.about == Dimension::Behavior).unwrap();
+    let alone = FilmAsked { of: FilmOf::Alone, number: None };
+    assert_eq!(behaviour.film, Some(alone), "{behaviour:?}");
+    let film = bench.film(version, FilmOf::Alone, None).unwrap();
+    assert!(film.why.ends_with("which ends an evaluation"), "{}", film.why);
+    assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), None));
+    assert!(film.candidate.failed_at().is_some());
+    // Under stress as well, each as it was.
+    let last = bench.film(version, FilmOf::Alone, Some(film.count)).unwrap();
+    assert_eq!(last.candidate.as_recorded, Some(true), "{}", last.candidate.ended);
+}
+
+#[test]
+fn a_failed_drill_is_rehearsed_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bench = Bench::at(folder.path());
+    bench.judge("align-no-stop");
+    let version = bench.engine.snapshot().candidates.first().unwrap().version.to_string();
+    let film = bench.film(&version, FilmOf::Drill, None).unwrap();
+    assert!(film.drill.is_some_and(|kind| DrillKind::ALL.contains(&kind)) && film.count > 0);
+    assert_eq!((film.candidate.as_recorded, film.active.as_recorded), (Some(true), Some(true)));
+    assert!(film.candidate.failed_at().is_some());
+    let begins = film.candidate.marks.iter().find(|mark| !mark.bad).unwrap();
+    assert!(begins.tick > 0 && begins.tick < film.end(), "{:?}", film.candidate.marks);
+    // The work before it is in the picture, too, and time goes on from there without a leap.
+    let ticks: Vec<u64> = film.candidate.frames.iter().map(|frame| frame.tick).collect();
+    assert!(ticks.first() == Some(&0) && ticks.windows(2).all(|two| two[1] == two[0] + 8), "{ticks:?}");
+    let why = bench.detail(&version).why;
+    let recovery = why.iter().find(|why| why.about == Dimension::Recovery).unwrap();
+    assert!(recovery.decisive.starts_with("fails "), "{}", recovery.decisive);
+}
