@@ -178,7 +178,8 @@ fn show_stop(shown: &mut Snapshot, controls: &Controls) {
         && let Some(AskedStop { by, reason, caller, .. }) = controls.switch.first_asked()
     {
         let since_ms = shown.at_ms;
-        shown.stopped = Some(StoppedView { by, caller, reason, since_ms, stood_after_ticks: Some(0) });
+        let stopped = StoppedView::first(by, caller, reason, since_ms);
+        shown.stopped = Some(StoppedView { stood_after_ticks: Some(0), ..stopped });
     }
 }
 

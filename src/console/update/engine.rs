@@ -75,7 +75,7 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
         |snapshot: &Snapshot| snapshot.alarm_summary.highest_unacknowledged == Some(Priority::Critical);
     let calls = critical(&snapshot) && !model.told.snapshot.as_deref().is_some_and(critical);
     if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay {
-        prompt.look(&snapshot);
+        prompt.look(&snapshot, model.now_ms);
     }
     model.told.snapshot_ms = model.now_ms;
     model.told.snapshot = Some(snapshot);

@@ -83,9 +83,13 @@ pub fn stop(model: &Model) -> Row {
     let types = model.entry.typing.is_some()
         || match &model.entry.overlay {
             Some(Overlay::Palette(_)) => true,
-            Some(Overlay::Prompt(prompt)) => prompt.focus != Focus::Hold || prompt.signing.is_some(),
+            Some(Overlay::Prompt(prompt)) => {
+                prompt.focus != Focus::Hold || prompt.signing.is_some() || prompt.cut_off.is_some()
+            }
             Some(Overlay::Form(form)) => {
-                matches!(form.focus, FormFocus::Minutes | FormFocus::Reason) || form.signing.is_some()
+                (form.void.is_some() && !form.is_one_key())
+                    || matches!(form.focus, FormFocus::Minutes | FormFocus::Reason)
+                    || form.signing.is_some()
             }
             None => false,
         };
@@ -131,7 +135,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (Some(Overlay::Prompt(prompt)), _) if prompt.closed => &[A::PageDown, A::Back],
         (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
-        (Some(Overlay::Form(form)), _) if form.is_one_key() => &[A::Back],
+        (Some(Overlay::Form(form)), _) if form.is_one_key() || form.void.is_some() => &[A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
         (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
         (None, View::Registry) => {

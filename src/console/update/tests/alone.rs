@@ -35,7 +35,7 @@ impl TestConsole {
         self.model.notice.as_ref().map_or("", |notice| notice.text.as_str())
     }
 
-    fn screen(&self, columns: u16, rows: u16) -> String {
+    pub(super) fn screen(&self, columns: u16, rows: u16) -> String {
         let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
         frame::text_of(&self.model, &look, columns, rows)
     }
