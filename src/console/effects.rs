@@ -60,6 +60,8 @@ pub enum Errand {
     Told(MsgKind),
     /// A request that was signed, for the engine.
     Signed(Box<Request>),
+    /// A look for an engine at work on the store: the seat at it, or why there is none.
+    Sought(Result<Box<Host>, String>),
 }
 
 pub struct Hands {

@@ -16,16 +16,16 @@ mod socket;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
 
-pub use attended::{LiveViews, SHOWN_TO_NOBODY};
+pub use attended::{LET_GO_AFTER, LiveViews, PAST_MAX, READS_WITHIN, SHOWN_TO_NOBODY};
 pub use classes::{ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
 pub use client::{Attachment, Client, Notification, Sayer, Shown, Subscription};
 pub use seats::{Seat, Seats};
@@ -34,7 +34,7 @@ pub use socket::socket_path;
 use self::classes::Classes;
 use super::Engine;
 use crate::world::switch::Switch;
-use holdpoint_protocol::command::{Caller, Reply, Request};
+use holdpoint_protocol::command::{Caller, Command, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::wire;
 use holdpoint_registry::Layout;
@@ -171,6 +171,8 @@ pub struct Door {
     socket: PathBuf,
     seats: Arc<Seats>,
     shown: Arc<attended::Shown>,
+    /// What happened last, for whoever attaches later.
+    past: Arc<Mutex<attended::Past>>,
 }
 
 impl Door {
@@ -194,6 +196,7 @@ impl Door {
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
         let (seats, shown) = (Arc::<Seats>::default(), Arc::<attended::Shown>::default());
+        let past = Arc::<Mutex<attended::Past>>::default();
         let serve = server::DoorServer {
             requests: sender,
             events: events.clone(),
@@ -204,6 +207,7 @@ impl Door {
             classes: Classes::default(),
             seats: Arc::clone(&seats),
             shown: Arc::clone(&shown),
+            past: Arc::clone(&past),
         };
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
         Ok(Self {
@@ -218,6 +222,7 @@ impl Door {
             socket,
             seats,
             shown,
+            past,
         })
     }
 
@@ -281,6 +286,14 @@ impl Door {
         answer: oneshot::Sender<Reply>,
     ) {
         let id = request.id.clone();
+        if matches!(request.command, Command::Shutdown) {
+            self.seats.note_ending(|| match &caller {
+                Caller::Process { process: Some(process), .. } => {
+                    self.seats.named(*process).unwrap_or_else(|| caller.to_string())
+                }
+                _ => caller.to_string(),
+            });
+        }
         // Whoever asked may be gone; what was asked is done all the same.
         match engine.offer_for(request, caller) {
             Some(mut reply) => {
@@ -304,6 +317,12 @@ impl Door {
     }
 
     pub fn publish(&self, events: &[Event]) {
+        if events.is_empty() {
+            return;
+        }
+        // Held for as long as it takes to copy what is kept, when somebody attaches.
+        let mut past = self.past.lock().unwrap_or_else(PoisonError::into_inner);
+        events.iter().for_each(|event| past.note(event));
         if self.events.receiver_count() == 0 {
             return;
         }

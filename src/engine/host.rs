@@ -236,10 +236,34 @@ impl Host {
         Ok(Self { updates, snapshots, pictures, layout, way })
     }
 
+    /// Sits down at whatever engine is at work on a store, in another process; `None` if none is.
+    ///
+    /// # Errors
+    /// As [`Host::attach`]; [`DoorError::Silent`] if one is there and says nothing.
+    pub fn find(layout: &Layout, sitting: Sitting) -> Result<Option<Self>, DoorError> {
+        let client = Client::connect(layout)?;
+        client.map(|client| Self::attach(layout.clone(), client, sitting)).transpose()
+    }
+
+    /// The store's files.
+    #[must_use]
+    pub const fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
     /// Whether the engine is another process's.
     #[must_use]
     pub const fn is_attached(&self) -> bool {
         matches!(self.way, Way::Socket(_))
+    }
+
+    /// Process id of the engine, if it is another process's.
+    #[must_use]
+    pub const fn process(&self) -> Option<i32> {
+        match &self.way {
+            Way::Socket(attached) => Some(attached.process()),
+            Way::Thread(_) => None,
+        }
     }
 
     /// Hands a request over. Its answer comes as [`Update::Answer`], or the request as [`Update::Returned`] if the engine

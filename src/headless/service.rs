@@ -42,7 +42,7 @@ pub fn serve(service: Service, out: &mut dyn Write) -> Result<Exit, CliError> {
                 stream.note(&format!("{missed} events were not printed: the reader is too slow"));
             }
             // Nobody asks anything here.
-            Some(Update::Answer { .. } | Update::Returned(_)) => {}
+            Some(Update::Answer { .. } | Update::Past { .. } | Update::Returned(_)) => {}
             Some(Update::Ended(ended)) => break ended,
             None => break Err(EndFault::of("the engine's thread is gone")),
         }

@@ -10,7 +10,7 @@ use crate::seat::Sitting;
 use crate::snapshot::Snapshot;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 5;
+pub const PROTOCOL: u32 = 6;
 
 /// The longest line a client may send, bytes.
 pub const CALL_BYTES_MAX: usize = 1024 * 1024;
@@ -70,6 +70,18 @@ pub enum Answer {
     Attached {
         /// The number of the seat.
         seat: u64,
+    },
+    /// What happened before, for whoever has just attached: the newest events, oldest first. Comes before all others.
+    Past {
+        /// The last of this engine's life, without progress; of sequences one after the other the last alone.
+        events: Vec<Event>,
+        /// How many of such came before them, and are on record alone.
+        earlier: u64,
+    },
+    /// The engine ends in good order, for whoever is attached: the last line.
+    Ended {
+        /// Who ended it, in words.
+        by: String,
     },
     /// How things stand, for whoever is attached.
     Snapshot {

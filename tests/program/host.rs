@@ -57,7 +57,7 @@ impl Front {
         match &update {
             Update::Events(events) => self.events.extend(events.iter().cloned()),
             Update::Answer { id, reply } => self.answers.push((id.clone(), reply.clone())),
-            Update::Started | Update::Lagged { .. } | Update::Returned(_) => {}
+            Update::Started | Update::Past { .. } | Update::Lagged { .. } | Update::Returned(_) => {}
             Update::Ended(ended) => panic!("the engine ended: {ended:?}"),
         }
         update

@@ -57,7 +57,8 @@ pub(super) fn at_work(cause: Cause) -> Left {
 pub(super) fn ended_elsewhere(cause: Cause, why: &EndFault) -> Left {
     let text =
         Untrusted::new(format!("the engine that this console was at is gone: {why}")).line().into_string();
-    Left { cause, came_up: true, in_order: false, text }
+    // Whoever ended it knew what they did.
+    Left { cause, came_up: true, in_order: why.orderly, text }
 }
 
 /// What goes on at the next start, one part for each kind.

@@ -20,7 +20,7 @@ use crate::effect::Effect;
 use crate::effects::{EffectTarget, Errand, Hands, Outcome, ReadCandidate};
 use crate::frame;
 use crate::look::Look;
-use crate::model::{EngineLink, Model, Overlay, View};
+use crate::model::{EngineLink, Model, Overlay, Seeking, View};
 use crate::msg::{Msg, MsgKind};
 use crate::prompt::OnScreen;
 use crate::terminal::TerminalGuard;
@@ -29,6 +29,7 @@ use crate::theme::Themes;
 use crate::update::update;
 use holdpoint_engine::host::{EndFault, Host, StopError, Update};
 use holdpoint_protocol::command::{Command, Request};
+use holdpoint_text::Hint as _;
 
 /// Time passes this often if nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
@@ -41,6 +42,15 @@ const STOP_MAX: Duration = Duration::from_millis(500);
 
 /// Things that are folded in before a frame is looked at again.
 const BATCH_MAX: usize = 256;
+
+/// The first pause between two looks for an engine at work; each is twice as long as the one before.
+const SEEK_FIRST: Duration = Duration::from_millis(500);
+
+/// The longest of these pauses.
+const SEEK_PAUSE_MAX: Duration = Duration::from_secs(15);
+
+/// How often an engine is looked for: a quarter of an hour, and then somebody has to come.
+const SEEK_MAX: u32 = 64;
 
 /// Errands that have something to tell at once.
 const ERRANDS_MAX: usize = 16;
@@ -80,6 +90,17 @@ pub(super) struct Session {
     came_up: bool,
     /// The engine was left at work.
     left: bool,
+    /// The search for an engine at work; absent while there is one here.
+    seek: Option<Seek>,
+    /// Tells the session what errands came to.
+    tell: mpsc::Sender<Errand>,
+}
+
+/// A search for an engine at work on the store.
+struct Seek {
+    tries: u32,
+    /// When to look next; absent while somebody looks.
+    due: Option<Instant>,
 }
 
 enum SessionInput {
@@ -109,6 +130,7 @@ impl Session {
             EngineAt::Here(config) => Host::start(config),
             EngineAt::Elsewhere(host) => {
                 model.told.link = EngineLink::Attached;
+                model.told.process = host.process();
                 *host
             }
         };
@@ -123,7 +145,7 @@ impl Session {
             guard,
             inputs: input::start()?,
             errands,
-            hands: Hands::new(host, candidates, themes, exports, tell, view),
+            hands: Hands::new(host, candidates, themes, exports, tell.clone(), view),
             operator: parts.operator,
             pace: FramePace::default(),
             leaving: None,
@@ -132,6 +154,8 @@ impl Session {
             ended: None,
             came_up: false,
             left: false,
+            seek: None,
+            tell,
         })
     }
 
@@ -187,6 +211,7 @@ impl Session {
             SessionInput::Input(None) => self.told_to_end(true),
             SessionInput::Errand(Errand::Told(what)) => self.take(what, Want::Key),
             SessionInput::Errand(Errand::Signed(request)) => self.hand_over(*request),
+            SessionInput::Errand(Errand::Sought(found)) => self.sought(found),
             SessionInput::Update(Some(told)) => self.engine(told),
             SessionInput::Update(None) => {
                 self.engine(Update::Ended(Err(EndFault::of("its thread is gone"))));
@@ -199,7 +224,10 @@ impl Session {
             }
             SessionInput::Picture => self.picture(),
             SessionInput::Ending(ending) => self.told_to_end(ending == Ending::Gone),
-            SessionInput::Tick => self.take(MsgKind::Tick, Want::Story),
+            SessionInput::Tick => {
+                self.take(MsgKind::Tick, Want::Story);
+                self.look_for_an_engine();
+            }
             SessionInput::Frame | SessionInput::Late => {}
         }
     }
@@ -235,14 +263,64 @@ impl Session {
             }
             Update::Returned(request) => return self.hand_over(*request),
             Update::Events(events) => MsgKind::Events(events),
+            Update::Past { events, earlier } => MsgKind::Past { events, earlier },
             Update::Answer { id, reply } => MsgKind::Answer { id, reply: Box::new(reply) },
             Update::Lagged { missed } => MsgKind::Lagged(missed),
             Update::Ended(how) => {
                 self.ended = Some(how.clone());
+                // Another engine may be at work there soon, or is already.
+                let elsewhere = self.hands.host.is_attached() || how.as_ref().is_err_and(|why| why.in_use);
+                if elsewhere && self.leaving.is_none() {
+                    self.seek = Some(Seek { tries: 0, due: Some(Instant::now()) });
+                }
                 MsgKind::EngineEnded(how)
             }
         };
         self.take(what, Want::Story);
+    }
+
+    /// Looks for an engine at work on the store, if it is time to: on a thread of its own, for one may be slow to answer.
+    fn look_for_an_engine(&mut self) {
+        let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
+        if seek.tries >= SEEK_MAX || !seek.due.is_some_and(|due| due <= Instant::now()) {
+            return;
+        }
+        seek.tries += 1;
+        seek.due = None;
+        let (tell, sitting) = (self.tell.clone(), self.model.sitting());
+        let layout = self.hands.host.layout().clone();
+        let look = move || {
+            let found = match Host::find(&layout, sitting) {
+                Ok(Some(host)) => Ok(Box::new(host)),
+                Ok(None) => Err("none is at work on this store".to_owned()),
+                Err(error) => Err(error.sentence()),
+            };
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(Errand::Sought(found)));
+        };
+        if let Err(error) = std::thread::Builder::new().name("seeking".to_owned()).spawn(look) {
+            self.sought(Err(format!("cannot start a thread: {error}")));
+        }
+    }
+
+    /// What a look for an engine came to.
+    fn sought(&mut self, found: Result<Box<Host>, String>) {
+        let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
+        match found {
+            Ok(host) => {
+                self.seek = None;
+                self.ended = None;
+                let process = host.process();
+                self.hands.host = *host;
+                self.take(MsgKind::Seated(process), Want::Story);
+            }
+            Err(said) => {
+                let pause = SEEK_FIRST.saturating_mul(1 << seek.tries.min(8)).min(SEEK_PAUSE_MAX);
+                seek.due = Some(Instant::now() + pause);
+                let seeking = Seeking { tries: seek.tries, tries_max: SEEK_MAX, said };
+                self.take(MsgKind::Sought(seeking), Want::Story);
+            }
+        }
     }
 
     /// Seats who was named: at once, so that an early stop is theirs; where their key is not there, once the store is, and

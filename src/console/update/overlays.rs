@@ -196,6 +196,23 @@ pub(super) fn unsigned(model: &mut Model, id: &str, text: String) {
     tell(model, text, true);
 }
 
+/// What was handed over is answered by nobody any more: the question or form stays, and says so.
+pub(super) fn unanswered(model: &mut Model, why: &str) {
+    match &mut model.entry.overlay {
+        Some(Overlay::Prompt(prompt)) => {
+            if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.is_checked()) {
+                signing.failed(why.to_owned());
+            }
+        }
+        Some(Overlay::Form(form)) => {
+            if let Some(signing) = form.signing.as_mut().filter(|signing| signing.is_checked()) {
+                signing.failed(why.to_owned());
+            }
+        }
+        Some(Overlay::Palette(_)) | None => {}
+    }
+}
+
 /// The engine answered: a prompt or a form that waited for it is done with.
 pub(super) fn answered(model: &mut Model, id: &str) {
     let waited = match &model.entry.overlay {

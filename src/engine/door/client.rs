@@ -51,6 +51,15 @@ pub enum Shown {
     Missed(u64),
     Snapshot(Box<Snapshot>),
     Picture(Box<Picture>),
+    /// What happened before, oldest first, and how many events came before that. Told once, at the start.
+    Past {
+        events: Vec<Event>,
+        earlier: u64,
+    },
+    /// The engine ends in good order: who ended it. Nothing comes after it.
+    Ended {
+        by: String,
+    },
 }
 
 /// What a subscriber is told.
@@ -226,6 +235,12 @@ impl Attachment {
         self.seat
     }
 
+    /// Process id of the engine.
+    #[must_use]
+    pub const fn process(&self) -> i32 {
+        self.lines.process
+    }
+
     /// What is shown next; `None` if nothing was within `at_most`.
     ///
     /// # Errors
@@ -237,6 +252,8 @@ impl Attachment {
             Some(Answer::Lagged { missed }) => Some(Shown::Missed(missed)),
             Some(Answer::Snapshot { snapshot }) => Some(Shown::Snapshot(snapshot)),
             Some(Answer::Picture { picture }) => Some(Shown::Picture(picture)),
+            Some(Answer::Past { events, earlier }) => Some(Shown::Past { events, earlier }),
+            Some(Answer::Ended { by }) => Some(Shown::Ended { by }),
             Some(Answer::Closed { text }) => return Err(self.lines.closed(text)),
             Some(
                 Answer::Hello { .. } | Answer::Reply { .. } | Answer::Subscribed | Answer::Attached { .. },

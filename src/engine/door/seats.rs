@@ -14,6 +14,8 @@ struct Book {
     next: u64,
     taken: BTreeMap<u64, SeatView>,
     changed: bool,
+    /// Who ends the engine, in words, once somebody does.
+    ending: Option<String>,
 }
 
 /// A seat that is taken as long as this lives.
@@ -34,7 +36,7 @@ impl Seats {
         let mut book = self.book();
         book.next += 1;
         let number = book.next;
-        book.taken.insert(number, SeatView { seat: number, process, sitting });
+        book.taken.insert(number, SeatView { seat: number, process, sitting, not_reading: false });
         book.changed = true;
         drop(book);
         Seat { seats: Arc::clone(self), number }
@@ -44,6 +46,28 @@ impl Seats {
     #[must_use]
     pub fn views(&self) -> Vec<SeatView> {
         self.book().taken.values().cloned().collect()
+    }
+
+    /// Somebody ends the engine: what whoever sits here is told at its end. The first one counts.
+    pub fn note_ending(&self, by: impl FnOnce() -> String) {
+        let mut book = self.book();
+        if book.ending.is_none() {
+            book.ending = Some(by());
+        }
+    }
+
+    /// Who ends the engine; absent as long as nobody does.
+    #[must_use]
+    pub fn ending(&self) -> Option<String> {
+        self.book().ending.clone()
+    }
+
+    /// Who sits in a process, in words.
+    #[must_use]
+    pub fn named(&self, process: u32) -> Option<String> {
+        let book = self.book();
+        let seat = book.taken.values().find(|one| one.process == Some(process))?;
+        Some(seat.sitting.who.clone().unwrap_or_else(|| format!("seat {}", seat.seat)))
     }
 
     /// Whether something changed since this was asked last.
@@ -57,6 +81,16 @@ impl Seat {
     #[must_use]
     pub const fn number(&self) -> u64 {
         self.number
+    }
+
+    /// Whether whoever sits there takes what is shown.
+    pub fn reads(&self, reads: bool) {
+        let mut book = self.seats.book();
+        let Some(view) = book.taken.get_mut(&self.number) else { return };
+        if view.not_reading == reads {
+            view.not_reading = !reads;
+            book.changed = true;
+        }
     }
 
     /// Whoever sits there has something else before them.

@@ -1,9 +1,9 @@
 //! The socket's thread: accepts, checks who it is, reads calls, writes answers.
 
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, timeout};
 use tokio_util::sync::CancellationToken;
 
-use super::attended::Shown;
+use super::attended::{Past, Shown};
 use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
 use super::seats::Seats;
 use super::socket::{BoundSocket, SocketPlace};
@@ -59,6 +59,7 @@ pub(super) struct DoorServer {
     pub(super) classes: Classes,
     pub(super) seats: Arc<Seats>,
     pub(super) shown: Arc<Shown>,
+    pub(super) past: Arc<Mutex<Past>>,
 }
 
 impl DoorServer {
@@ -216,7 +217,7 @@ impl DoorServer {
         write(&mut writer, &Answer::Subscribed).await?;
         loop {
             let told = tokio::select! {
-                () = self.stop.cancelled() => return self.rest(events, writer).await,
+                () = self.stop.cancelled() => return self.rest(events, &mut writer).await,
                 // The end of the client, or something it must not say here.
                 _ = reader.fill_buf() => return Ok(()),
                 told = events.recv() => told,
@@ -240,7 +241,7 @@ impl DoorServer {
     pub(super) async fn rest(
         &self,
         mut events: broadcast::Receiver<Arc<str>>,
-        mut writer: OwnedWriteHalf,
+        writer: &mut OwnedWriteHalf,
     ) -> io::Result<()> {
         let tell = async {
             loop {

@@ -27,7 +27,7 @@ impl EngineElsewhere {
                     let path = socket_path(&self.layout);
                     let text = format!("the store is in use by {owner}, and nobody answers at {path:?}");
                     let hint = "ask again in a second: an engine listens there anew; if it does not, end that process with `kill`";
-                    return Reply::refused(Refusal::NotNow, &Problem::new(text).with_hint(hint));
+                    return Reply::refused(Refusal::NoAnswer, &Problem::new(text).with_hint(hint));
                 }
                 let hint = "`holdpoint stop` in a shell keeps the next one stopped";
                 let problem = Problem::new("no engine is at work on this store").with_hint(hint);
@@ -48,9 +48,10 @@ fn said(reply: Reply) -> Reply {
     }
 }
 
-const fn code(error: &DoorError) -> Refusal {
+/// What became of a request that no engine answered.
+pub(super) const fn code(error: &DoorError) -> Refusal {
     match error {
-        DoorError::NoAnswer { .. } | DoorError::Silent { .. } | DoorError::Ended { .. } => Refusal::NotNow,
+        DoorError::NoAnswer { .. } | DoorError::Silent { .. } | DoorError::Ended { .. } => Refusal::NoAnswer,
         DoorError::PathTooLong { .. }
         | DoorError::Taken { .. }
         | DoorError::Io { .. }

@@ -51,6 +51,11 @@ impl Publisher {
         self.seats = seats;
     }
 
+    /// Who looks at the engine.
+    pub(super) fn seats(&self) -> Arc<Seats> {
+        Arc::clone(&self.seats)
+    }
+
     /// Something changed, so that a snapshot is due.
     pub(super) const fn note_change(&mut self) {
         self.changed = true;
@@ -183,7 +188,7 @@ mod tests {
                     Update::Events(some) => events += some.len() as u64,
                     Update::Answer { .. } => answers += 1,
                     Update::Lagged { missed: some } => missed += some,
-                    Update::Started | Update::Returned(_) | Update::Ended(_) => {}
+                    Update::Started | Update::Past { .. } | Update::Returned(_) | Update::Ended(_) => {}
                 }
             }
             publisher.flush();

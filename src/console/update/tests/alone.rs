@@ -13,7 +13,7 @@ fn second() -> TestConsole {
     let mut console = TestConsole::new(2);
     console.model.told = crate::model::Told::default();
     console.model.asking = crate::model::Asking::default();
-    console.ended(EndFault { text: IN_USE.to_owned(), in_use: true });
+    console.ended(EndFault::in_use(IN_USE));
     console
 }
 

@@ -16,6 +16,7 @@ fn seat(seat: u64, who: Option<&str>, reading: Option<&str>) -> SeatView {
         seat,
         process: None,
         sitting: Sitting { who, view: "Alarms".to_owned(), reading, read_only: false },
+        not_reading: false,
     }
 }
 
@@ -154,4 +155,12 @@ fn versions_are_found_by_how_they_stand() {
         console.model.place.filters.insert(View::Overview, words.to_owned());
         assert_eq!(console.model.pipeline_rows().len(), found, "{words}");
     }
+}
+
+#[test]
+fn a_seat_that_reads_nothing_is_marked() {
+    let mut console = TestConsole::new(0);
+    let asleep = SeatView { not_reading: true, ..seat(1, Some("bert"), None) };
+    with_seats(&mut console, vec![asleep, seat(2, Some("ana"), None)]);
+    assert!(screen(&console, 120, 36).contains("with bert, NOT READING (Alarms)"));
 }
