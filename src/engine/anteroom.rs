@@ -20,7 +20,7 @@ use holdpoint_registry::{Store, StoreError, UnreadStore, VersionFilter, Views};
 
 use crate::bound;
 use crate::context::Context;
-use crate::door::{Door, LiveViews, Seats, Signals};
+use crate::door::{Door, LiveViews, Scenes, Seats, Signals};
 use crate::halt;
 use crate::view::snapshot::alarm_view;
 use crate::world::scenery;
@@ -94,6 +94,12 @@ impl<'a> Anteroom<'a> {
     /// Has everything shown to whoever attaches.
     pub fn show(&self, views: LiveViews) {
         self.door.show(views);
+    }
+
+    /// Where it is put how the live scene is served.
+    #[must_use]
+    pub fn scenes(&self) -> Scenes {
+        self.door.scenes()
     }
 
     /// Who looks.
@@ -264,6 +270,7 @@ fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result
         thresholds: context.thresholds(),
         observed: ObservedCounts::default(),
         seats: Vec::new(),
+        ends_alone_s: None,
     })
 }
 

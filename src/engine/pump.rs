@@ -125,7 +125,6 @@ impl Pump {
         let Some(door) = &mut self.door else { return };
         door.poll(&mut self.engine);
         if door.endings_asked() > 0 && !self.engine.has_ended() {
-            door.seats().note_ending(|| "a signal to its process".to_owned());
             self.engine.submit(Request::unsigned("signal-to-end".to_owned(), Command::Shutdown));
         }
     }

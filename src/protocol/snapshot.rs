@@ -84,6 +84,10 @@ pub struct Snapshot {
     /// Who looks at this engine, in the order of sitting down.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub seats: Vec<SeatView>,
+    /// The engine was begun by a console and ends in good order once nobody has sat at it for so long, s; absent if it goes
+    /// on with nobody.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ends_alone_s: Option<u64>,
 }
 
 /// What a signature under a request is bound to, beside the request.

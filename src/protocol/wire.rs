@@ -1,5 +1,7 @@
 //! What goes over the socket: one JSON document a line, each side's lines of bounded length.
 
+use std::net::SocketAddr;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +39,13 @@ pub enum Call {
     Attach {
         /// Who sits down.
         sitting: Sitting,
+    },
+    /// The engine is to go on when nobody sits at it any more, answered by one [`Answer::Kept`].
+    Keep {},
+    /// The live scene is to be served to viewers, answered by one [`Answer::Scene`].
+    Scene {
+        /// At this address and port.
+        address: SocketAddr,
     },
     /// Somebody who is attached has something else before them.
     Sit {
@@ -102,6 +111,13 @@ pub enum Answer {
     Lagged {
         /// How many events this subscriber does not get.
         missed: u64,
+    },
+    /// The engine goes on when nobody sits at it any more.
+    Kept,
+    /// Whether there is somebody who draws the live scene; what came of it is told as an event.
+    Scene {
+        /// Whether it was handed on.
+        served: bool,
     },
     /// The connection is closed: what was sent is not allowed, or there are too many connections.
     Closed {

@@ -133,6 +133,13 @@ pub struct Listing {
 }
 
 impl Told {
+    /// Whether the engine ends when this console does: its own, or one that ends with the last that sits at it.
+    #[must_use]
+    pub fn ends_with_this(&self) -> bool {
+        let ends_alone = self.snapshot.as_ref().map_or(self.begun, |now| now.ends_alone_s.is_some());
+        self.link == EngineLink::Own || (ends_alone && self.others().next().is_none())
+    }
+
     /// Who else looks at the engine.
     pub fn others(&self) -> impl Iterator<Item = &SeatView> {
         // An engine that is gone has no seats, whatever it told last.
@@ -152,6 +159,8 @@ pub struct Told {
     pub link: EngineLink,
     /// The number of this console's seat at it; absent before it has one.
     pub seat: Option<u64>,
+    /// Whether this console began the engine it is at, in a process of its own.
+    pub begun: bool,
     /// Process id of an engine in another process; absent if it is this one's.
     pub process: Option<i32>,
     /// How the search for an engine goes; absent while one is here.

@@ -17,7 +17,7 @@ use super::input;
 use super::pace::{FramePace, Want};
 use super::screen::Screen;
 use crate::effect::Effect;
-use crate::effects::{EffectTarget, Errand, Hands, Outcome, ReadCandidate};
+use crate::effects::{Begun, EffectTarget, Errand, Hands, Outcome, ReadCandidate};
 use crate::frame;
 use crate::look::Look;
 use crate::model::{EngineLink, Model, Overlay, Seeking, View};
@@ -39,6 +39,9 @@ const ENDING_MAX: Duration = Duration::from_secs(3);
 
 /// What is left of it for the engine's thread, once its time is over.
 const STOP_MAX: Duration = Duration::from_millis(500);
+
+/// How long the process of an engine that ended in good order has to let go of the store.
+const FREE_MAX: Duration = Duration::from_secs(2);
 
 /// Things that are folded in before a frame is looked at again.
 const BATCH_MAX: usize = 256;
@@ -90,6 +93,10 @@ pub(super) struct Session {
     came_up: bool,
     /// The engine was left at work.
     left: bool,
+    /// It is to go on with nobody.
+    keeps: bool,
+    /// This console has asked it to end.
+    asked_end: bool,
     /// The search for an engine at work; absent while there is one here.
     seek: Option<Seek>,
     /// Tells the session what errands came to.
@@ -126,6 +133,7 @@ impl Session {
     ) -> io::Result<Self> {
         let view = parts.view;
         let mut model = model;
+        let (tell, errands) = mpsc::channel(ERRANDS_MAX);
         let host = match parts.engine {
             EngineAt::Here(config) => Host::start(config),
             EngineAt::Elsewhere(host) => {
@@ -133,8 +141,19 @@ impl Session {
                 model.told.process = host.process();
                 *host
             }
+            EngineAt::Begun(coming, begin) => {
+                model.told.link = EngineLink::Attached;
+                model.told.begun = true;
+                let (sitting, tell) = (model.sitting(), tell.clone());
+                let work = move || {
+                    let begun = begin(sitting).map(Box::new);
+                    // The console may have ended meanwhile; the engine ends then as well, for nobody sits at it.
+                    drop(tell.blocking_send(Errand::Begun(begun)));
+                };
+                std::thread::Builder::new().name("beginning".to_owned()).spawn(work)?;
+                *coming
+            }
         };
-        let (tell, errands) = mpsc::channel(ERRANDS_MAX);
         let Parts { candidates, themes, exports, .. } = parts;
         Ok(Self {
             begun: Instant::now(),
@@ -154,6 +173,8 @@ impl Session {
             ended: None,
             came_up: false,
             left: false,
+            keeps: false,
+            asked_end: false,
             seek: None,
             tell,
         })
@@ -212,6 +233,7 @@ impl Session {
             SessionInput::Errand(Errand::Told(what)) => self.take(what, Want::Key),
             SessionInput::Errand(Errand::Signed(request)) => self.hand_over(*request),
             SessionInput::Errand(Errand::Sought(found)) => self.sought(found),
+            SessionInput::Errand(Errand::Begun(begun)) => self.begun(begun),
             SessionInput::Update(Some(told)) => self.engine(told),
             SessionInput::Update(None) => {
                 self.engine(Update::Ended(Err(EndFault::of("its thread is gone"))));
@@ -277,6 +299,31 @@ impl Session {
             }
         };
         self.take(what, Want::Story);
+    }
+
+    /// The engine that was being started is there, or will not be. What was asked meanwhile goes to it.
+    fn begun(&mut self, begun: Result<Box<Begun>, EndFault>) {
+        let waiting = self.hands.host.take_waiting();
+        match begun {
+            Ok(begun) => {
+                let Begun { host, notice } = *begun;
+                let is_own = !host.is_attached();
+                let process = host.process();
+                self.hands.host = host;
+                if is_own {
+                    self.model.told.link = EngineLink::Own;
+                } else {
+                    self.take(MsgKind::Seated(process), Want::Story);
+                }
+                if let Some(text) = notice {
+                    self.take(MsgKind::Done { text, bad: true }, Want::Story);
+                }
+            }
+            Err(why) => self.engine(Update::Ended(Err(why))),
+        }
+        for request in waiting {
+            self.hand_over(request);
+        }
     }
 
     /// Looks for an engine at work on the store, if it is time to: on a thread of its own, for one may be slow to answer.
@@ -397,6 +444,10 @@ impl Session {
                 }
                 Ok(Outcome::End) => self.end(),
                 Ok(Outcome::Leave) => self.leave(),
+                Ok(Outcome::Detach) => {
+                    self.keeps = true;
+                    self.leave();
+                }
                 Err(_) => self.told_to_end(true),
             }
         }
@@ -409,13 +460,20 @@ impl Session {
         self.leaving.get_or_insert_with(Instant::now);
     }
 
-    /// Asks the engine to end; the screen stays until it has. One that others began is left at work.
+    /// Asks the engine to end; the screen stays until it has. One that goes on without this console is left at work.
     fn end(&mut self) {
-        if self.model.told.link == EngineLink::Attached {
+        if self.ended.is_some() {
+            self.leaving.get_or_insert_with(Instant::now);
+            return;
+        }
+        // Whoever's terminal is gone may come back to it; if nobody does, it ends by itself.
+        let is_lost = self.cause == Cause::Gone && self.model.told.link == EngineLink::Attached;
+        if is_lost || !self.model.told.ends_with_this() {
             return self.leave();
         }
         if self.leaving.is_none() {
             self.leaving = Some(Instant::now() + ENDING_MAX);
+            self.asked_end = true;
             // A full queue is no reason to wait: the host is stopped in any case.
             drop(self.hands.ask(&self.model, "console-ends".to_owned(), Command::Shutdown));
         }
@@ -458,18 +516,35 @@ impl Session {
 
     /// The engine first, the terminal last.
     fn finish(self) -> Left {
-        let Self { model, hands, screen, terminal, guard, ended, cause, came_up, left, .. } = self;
+        let Self {
+            model, hands, screen, terminal, guard, ended, cause, came_up, left, keeps, asked_end, ..
+        } = self;
+        let attached = hands.host.is_attached();
+        // The engine is asked while nobody waits at the screen any more, and its answer is what is said last.
+        let kept = if keeps { hands.host.keep() } else { Ok(()) };
+        let elsewhere = hands.host.elsewhere();
         let stopped = match hands.host.stop(STOP_MAX) {
             Ok(()) => Some(Ok(())),
             Err(StopError::Failed(why)) => Some(Err(why)),
             Err(StopError::Late(_)) => None,
         };
         let ended = ended.or(stopped);
+        // What this console has asked for is no fault, and it is over when the store is free.
+        let ended = match ended {
+            Some(Err(why)) if why.orderly && asked_end => {
+                elsewhere.wait_for_end(FREE_MAX);
+                Some(Ok(()))
+            }
+            other => other,
+        };
         drop(screen);
         drop(terminal);
         drop(guard);
+        let ends_alone_s = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.ends_alone_s);
         match (&ended, model.told.link) {
-            (Some(Ok(())), _) if left && came_up => return farewell::at_work(cause),
+            (Some(Ok(())), _) if left && came_up && attached => {
+                return farewell::at_work(cause, &kept, ends_alone_s.filter(|_| !keeps));
+            }
             (Some(Err(why)), EngineLink::Attached) if came_up => {
                 return farewell::ended_elsewhere(cause, why);
             }

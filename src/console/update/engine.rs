@@ -52,13 +52,16 @@ pub(super) fn seated(model: &mut Model, process: Option<i32>) -> Vec<Effect> {
     model.told.link = EngineLink::Attached;
     model.told.engine = EngineState::Starting;
     model.told.seeking = None;
-    model.asking.pending.clear();
-    model.asking.asked.clear();
-    overlays::unanswered(model, "the engine that was asked is gone; whether it was carried out is not known");
-    if let Some(asked) = &mut model.told.stop_asked {
-        asked.why = Some("the engine that was asked is gone".to_owned());
-    }
     if came_back {
+        model.asking.pending.clear();
+        model.asking.asked.clear();
+        overlays::unanswered(
+            model,
+            "the engine that was asked is gone; whether it was carried out is not known",
+        );
+        if let Some(asked) = &mut model.told.stop_asked {
+            asked.why = Some("the engine that was asked is gone".to_owned());
+        }
         tell(model, "an engine is at work on this store again, and this console sits at it", false);
     }
     Vec::new()

@@ -486,7 +486,7 @@ pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
         model.place.view = View::Overview;
         return Vec::new();
     }
-    if model.told.link == EngineLink::Attached {
+    if !model.told.ends_with_this() {
         return vec![Effect::Leave];
     }
     let lines = quit_lines(model);
@@ -496,11 +496,15 @@ pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
 /// Ends the console alone, where the engine can do without it.
 pub(super) fn detach(model: &mut Model) -> Vec<Effect> {
     if model.told.link == EngineLink::Own {
-        let text = "this engine lives in this console and ends with it; `holdpoint serve` starts one that can be left";
+        let text =
+            "this engine lives in this console and ends with it; without `--in-process` it can be left";
         tell(model, text.to_owned(), true);
         return Vec::new();
     }
-    vec![Effect::Leave]
+    if model.told.engine == EngineState::Starting {
+        return refuse(model, "the engine is being started: wait a moment");
+    }
+    vec![Effect::Detach]
 }
 
 /// What the engine does when the program ends.
@@ -509,6 +513,9 @@ fn quit_lines(model: &Model) -> Vec<String> {
     let others = model.told.others().count();
     if others > 0 {
         lines.push(format!("{others} more at this engine lose it"));
+    }
+    if model.told.link == EngineLink::Attached {
+        lines.push("You are the last one here; `:detach` leaves it at work with nobody".to_owned());
     }
     for candidate in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
         if let Some(progress) = &candidate.progress {

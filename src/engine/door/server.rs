@@ -20,7 +20,7 @@ use super::attended::{Past, Shown};
 use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
 use super::seats::Seats;
 use super::socket::{BoundSocket, SocketPlace};
-use super::{Incoming, Signals};
+use super::{Incoming, Scenes, Signals};
 use crate::caller;
 use crate::world::switch::{AskedStop, Switch};
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply};
@@ -60,6 +60,7 @@ pub(super) struct DoorServer {
     pub(super) seats: Arc<Seats>,
     pub(super) shown: Arc<Shown>,
     pub(super) past: Arc<Mutex<Past>>,
+    pub(super) scenes: Scenes,
 }
 
 impl DoorServer {
@@ -72,6 +73,7 @@ impl DoorServer {
                     let (server, mut signal) = (self.clone(), signal(kind)?);
                     runtime.spawn(async move {
                         while signal.recv().await.is_some() {
+                            server.seats.note_ending(|| "a signal to its process".to_owned());
                             if server.endings.fetch_add(1, Ordering::AcqRel) > 0 {
                                 server.cancel.store(true, Ordering::Release);
                             }
@@ -164,6 +166,14 @@ impl DoorServer {
                         }
                         _ => self.tell(reader, writer).await,
                     };
+                }
+                Read::Call(Call::Keep {}) => {
+                    self.seats.keep();
+                    write(&mut writer, &Answer::Kept).await?;
+                }
+                Read::Call(Call::Scene { address }) => {
+                    let served = self.scenes.get().is_some_and(|serve| serve(address));
+                    write(&mut writer, &Answer::Scene { served }).await?;
                 }
                 Read::Call(Call::Sit { .. }) => {
                     let text = "nobody sits here: `attach` comes first".to_owned();

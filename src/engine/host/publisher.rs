@@ -123,7 +123,8 @@ impl Publisher {
         let due = self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY);
         let old = self.published.is_some_and(|published| published.elapsed() >= SNAPSHOT_AT_LEAST);
         if old || (self.changed && due) {
-            let snapshot = Snapshot { seats: self.seats.views(), ..engine.snapshot() };
+            let mut snapshot = engine.snapshot();
+            self.seats.show_in(&mut snapshot);
             self.snapshot.send_replace(Some(Arc::new(snapshot)));
             self.changed = false;
             self.published = Some(Instant::now());

@@ -51,6 +51,13 @@ impl<'a> Serving<'a> {
                     return;
                 }
             }
+            if let Some(alone) = publisher.seats().left_alone().filter(|_| !self.pump.engine().has_ended()) {
+                let secs = alone.as_secs();
+                publisher.seats().note_ending(|| format!("itself, for nobody had sat at it for {secs} s,"));
+                guarded(&mut self.pump, "an end", |pump| {
+                    pump.submit(Request::unsigned("nobody-sits".to_owned(), Command::Shutdown));
+                });
+            }
             let progress = self.turn(publisher);
             self.answer_waiting(publisher);
             publisher.flush();
