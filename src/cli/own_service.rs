@@ -45,6 +45,8 @@ const LOOK_AGAIN: Duration = Duration::from_millis(100);
 pub(super) struct OwnService {
     layout: Layout,
     words: Vec<OsString>,
+    /// What was asked for that another engine knows nothing of.
+    asked: Vec<&'static str>,
 }
 
 impl OwnService {
@@ -86,7 +88,7 @@ impl OwnService {
         if args.scenes.no_recording {
             words.push("--no-recording".into());
         }
-        Self { layout: Layout::new(data), words }
+        Self { layout: Layout::new(data), words, asked: args.for_a_start() }
     }
 
     /// Starts it and sits down. Where no process can be started at all, the engine is started `here`, and that is said.
@@ -95,7 +97,16 @@ impl OwnService {
         let path = self.layout.logs().join(LOG_NAME);
         let begun = Log::open(path).and_then(|log| Ok((self.spawn(&log)?, log)));
         match begun {
-            Ok((child, log)) => self.sit_down(child, &log, &sitting).map(|host| Begun { host, notice: None }),
+            Ok((child, log)) => {
+                let own = i32::try_from(child.id()).ok();
+                let host = self.sit_down(child, &log, &sitting)?;
+                let is_other = host.process() != own && !self.asked.is_empty();
+                let notice = is_other.then(|| {
+                    let asked = self.asked.join(", ");
+                    format!("another console was quicker: this one sits at its engine, and {asked} counts for nothing")
+                });
+                Ok(Begun { host, notice })
+            }
             Err(error) => {
                 let notice = format!(
                     "the engine lives in this console and ends with it: no process of its own could be started ({error})"

@@ -53,7 +53,7 @@ fn a_console_starts_an_engine_in_a_session_of_its_own_and_ends_it() {
     let id = engine(&home);
     assert_ne!(u32::try_from(id).unwrap(), console.id());
     assert_eq!(process(id).map(|(_, session, terminal)| (session, terminal)), Some((id, 0)));
-    console.wait_for_text("q end the engine");
+    console.wait_for_text("q end engine");
     assert_eq!(quit(&mut console), 0, "{}", console.contents());
     assert!(console.contents().contains("the engine ended in good order"), "{}", console.contents());
     assert_restored(&console);
@@ -80,7 +80,7 @@ fn an_engine_that_was_detached_goes_on_with_nobody() {
     }
     // Whoever comes back sits at the same one, and leaves it at work.
     let mut back = home.console(&["run", "--no-tour"], SIZE);
-    back.wait_for_text("q leave, engine goes on");
+    back.wait_for_text("q leave it on");
     assert_eq!(engine(&home), id);
     back.keys("q");
     assert_eq!(back.end().exit_code(), 0);
@@ -113,12 +113,12 @@ fn the_last_who_sits_there_ends_it_and_nobody_else() {
     let mut first = begun(&home, "60");
     let id = engine(&home);
     let mut second = home.console(&["run", "--no-tour"], SIZE);
-    second.wait_for_text("q leave, engine goes on");
-    first.wait_for_text("q leave, engine goes on");
+    second.wait_for_text("q leave it on");
+    first.wait_for_text("q leave it on");
     first.keys("q");
     assert_eq!(first.end().exit_code(), 0);
     assert!(first.contents().contains("left the engine at work"), "{}", first.contents());
-    second.wait_for_text("q end the engine");
+    second.wait_for_text("q end engine");
     assert_eq!(quit(&mut second), 0);
     assert!(is_gone(id));
     verified(&home);
@@ -138,7 +138,7 @@ fn two_that_are_begun_together_sit_at_one_engine() {
     let [mut one, mut other] = both;
     one.keys("q");
     assert_eq!(one.end().exit_code(), 0);
-    other.wait_for_text("q end the engine");
+    other.wait_for_text("q end engine");
     assert_eq!(quit(&mut other), 0);
     verified(&home);
 }

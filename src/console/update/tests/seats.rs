@@ -133,8 +133,8 @@ fn leaving_ends_what_is_ones_own_and_nothing_else() {
         console.model.notice = None;
         let word = match (link, &quits) {
             (EngineLink::Own, _) => "q quit",
-            (EngineLink::Attached, None) => "q end the engine",
-            (EngineLink::Attached, Some(_)) => "q leave, engine goes on",
+            (EngineLink::Attached, None) => "q end engine",
+            (EngineLink::Attached, Some(_)) => "q leave it on",
         };
         assert!(screen(&console, 120, 36).contains(word), "{word}: {}", screen(&console, 120, 36));
         console.keys(":detach");
