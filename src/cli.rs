@@ -29,6 +29,8 @@ pub mod man;
 pub mod metrics;
 pub mod output;
 mod own_folder;
+#[cfg(feature = "console")]
+mod own_service;
 pub mod paper;
 mod passphrase;
 pub mod per_candidate;

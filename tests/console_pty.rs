@@ -13,6 +13,8 @@ mod alone;
 mod pty;
 #[path = "console_pty/seats.rs"]
 mod seats;
+#[path = "console_pty/service.rs"]
+mod service;
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -26,7 +28,7 @@ use rustix::process::Signal;
 const SIZE: (u16, u16) = (120, 36);
 
 /// The console of a fresh store in the profile of least rights.
-const FRESH: [&str; 3] = ["run", "--no-tour", "--jobs=1"];
+const FRESH: [&str; 4] = ["run", "--no-tour", "--jobs=1", "--linger=5"];
 
 /// Sequences that give the terminal back, in this order.
 const LEAVE: [&str; 3] = ["\x1b[?2004l", "\x1b[?25h", "\x1b[?1049l"];
@@ -241,7 +243,13 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
 /// Ends the console as a person does.
 fn quit(console: &mut Console) -> u32 {
     // From another view the key leads back first.
-    console.keys("1q");
+    console.keys("1");
+    // Where somebody else sits, an engine is left and not ended.
+    console.wait_for("nobody else sits here", |screen| {
+        let views = screen.contents().lines().nth(1).map(ToOwned::to_owned).unwrap_or_default();
+        views.contains("[1 Overview]") && !views.contains("with ")
+    });
+    console.keys("q");
     // The key counts as soon as the screen says so.
     console.wait_for_text(" y does it");
     console.keys("y");
@@ -475,7 +483,7 @@ fn a_fault_of_the_engine_leaves_the_screen_up_and_latches_an_alarm() {
     // The terminal is still the console's, and its keys work.
     assert!(!console.is_cooked());
     assert!(!console.raw().contains(LEAVE[2]), "the screen was given back");
-    assert!(home.log().contains("a panic on purpose"), "{}", home.log());
+    assert!(home.engine_log().contains("a panic on purpose"), "{}", home.engine_log());
     console.keys("1");
     quit(&mut console);
     assert_restored(&console);
@@ -516,7 +524,7 @@ fn a_storm_of_sizes_and_a_window_of_one_cell_are_survived() {
     console.resize(SIZE.0, SIZE.1);
     console.wait_for_repainted("the whole screen is back", SIZE, |screen| {
         let text = screen.contents();
-        let has_all = ["1 Overview", "7 Audit", "Pipeline", "Robot", "Story", "q quit"];
+        let has_all = ["1 Overview", "7 Audit", "Pipeline", "Robot", "Story", "q end engine"];
         is_up(&text) && has_all.iter().all(|word| text.contains(word))
     });
     assert_eq!(quit(&mut console), 0);

@@ -6,6 +6,7 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
 
+use super::own_service::OwnService;
 use super::run::{LivePace, RunArgs};
 use super::settings::{file, themes};
 use crate::cli::context::CliContext;
@@ -16,14 +17,14 @@ use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{Cause, Console, ConsoleError, EngineAt};
 use holdpoint_engine::door::{Client, DoorError, SHOWN_TO_NOBODY};
 use holdpoint_engine::embedded;
-use holdpoint_engine::host::{Host, HostConfig};
+use holdpoint_engine::host::{EndFault, Host, HostConfig};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::seat::Sitting;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
-use holdpoint_text::Problem;
+use holdpoint_text::{Hint as _, Problem};
 
 /// Whether `run` opens the console: nothing else was asked for, and there is a terminal on both sides.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
@@ -41,16 +42,27 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
     let keymap = Arc::new(keymap()?);
     let layout = Layout::new(&context.data);
     let engine = match at_work(&layout, args, &options)? {
-        Some(host) => EngineAt::Elsewhere(Box::new(host)),
-        None => EngineAt::Here(HostConfig {
-            data: context.data.clone(),
-            profile: args.engine.profile(&context.data)?,
-            seed: args.engine.seed(),
-            jobs: args.engine.spare_jobs(),
-            robot: args.engine.robot.clone(),
-            pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
-            sinks: args.scenes.options(true).sinks()?,
-        }),
+        AtWork::Seat(host) => EngineAt::Elsewhere(host),
+        AtWork::Silent(why) => EngineAt::Begun(Box::new(Host::coming(layout)), Box::new(|_| Err(why))),
+        AtWork::Nobody => {
+            let here = HostConfig {
+                data: context.data.clone(),
+                profile: args.engine.profile(&context.data)?,
+                seed: args.engine.seed(),
+                jobs: args.engine.spare_jobs(),
+                robot: args.engine.robot.clone(),
+                pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
+                sinks: args.scenes.options(true).sinks()?,
+                alone_max: None,
+            };
+            if args.in_process {
+                EngineAt::Here(here)
+            } else {
+                let service = OwnService::new(&context.data, args);
+                let begin = move |sitting: Sitting| service.begin(sitting, here);
+                EngineAt::Begun(Box::new(Host::coming(layout)), Box::new(begin))
+            }
+        }
     };
     let console = Console {
         engine,
@@ -75,13 +87,29 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
     })
 }
 
-/// The engine that is at work on the store already, with a seat at it; nothing if none is, or none that shows itself.
+/// What is at work on the store already.
+enum AtWork {
+    /// An engine, with a seat at it.
+    Seat(Box<Host>),
+    /// One that does not answer: which, and why.
+    Silent(EndFault),
+    /// None, or none that shows itself.
+    Nobody,
+}
+
+/// The engine that is at work on the store already.
 ///
 /// # Errors
 /// If the arguments are for the start of an engine: the one at work goes by its own.
-fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<Option<Host>, CliError> {
-    // One that is silent or of another version is told by the start of an own one, which fails for it.
-    let Ok(Some(client)) = Client::connect(layout) else { return Ok(None) };
+fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<AtWork, CliError> {
+    let client = match Client::connect(layout) {
+        Ok(Some(client)) => client,
+        Err(error @ DoorError::Silent { .. }) => {
+            return Ok(AtWork::Silent(EndFault::in_use(error.sentence())));
+        }
+        // One of another version is told by the start of an own one, which fails for it.
+        Ok(None) | Err(_) => return Ok(AtWork::Nobody),
+    };
     let beginning = args.for_a_start();
     if !beginning.is_empty() {
         let problem = format!(
@@ -93,12 +121,12 @@ fn at_work(layout: &Layout, args: &RunArgs, options: &Options) -> Result<Option<
     }
     let sitting = Sitting { read_only: options.read_only, ..Sitting::default() };
     match Host::attach(layout.clone(), client, sitting) {
-        Ok(host) => Ok(Some(host)),
+        Ok(host) => Ok(AtWork::Seat(Box::new(host))),
         // Every seat may be taken: that is what has to be said, and not that no engine is at work.
         Err(DoorError::Closed { path, text }) if text != SHOWN_TO_NOBODY => {
             Err(CliError::usage(DoorError::Closed { path, text }))
         }
-        Err(_) => Ok(None),
+        Err(_) => Ok(AtWork::Nobody),
     }
 }
 
@@ -162,10 +190,8 @@ fn register(folder: &str) -> Result<Command, Problem> {
 
 #[cfg(test)]
 mod tests {
-    use holdpoint_runtime::capability::Capability;
-    use holdpoint_text::Hint as _;
-
     use super::*;
+    use holdpoint_runtime::capability::Capability;
 
     #[test]
     fn the_demonstration_goes_through_its_candidates_once() {

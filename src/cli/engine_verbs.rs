@@ -3,6 +3,8 @@
 //! Chooses between an engine that runs on the store and one that is opened for the verb; must not decide
 //! anything itself.
 
+use std::time::Duration;
+
 use super::side::{Side, last_cell, running};
 use super::{bench, candidate, chosen, data, decide, demo, run, serve, status};
 use crate::cli::context::CliContext;
@@ -191,8 +193,13 @@ impl EngineVerbs for RealEngine {
             robot: args.engine.robot.clone(),
             pace: args.pace(),
             sinks: args.scenes.options(true).sinks()?,
+            alone_max: args.attended.map(|secs| Duration::from_secs(u64::from(secs))),
         };
-        let service = Service { host, json: context.json, quiet: args.quiet };
+        if args.own_session {
+            // One that leads its session already has left the terminal, too.
+            let _ = rustix::process::setsid();
+        }
+        let service = Service { host, json: context.json, quiet: args.quiet, only_faults: args.own_session };
         crate::headless::serve(service, out.sink())
     }
 

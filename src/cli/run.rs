@@ -20,6 +20,9 @@ use holdpoint_protocol::command::PACE_ALLOWED;
 /// The seed of a run that names none.
 pub(super) const SEED_DEFAULT: u64 = 1;
 
+/// The longest time an engine goes on with nobody, s: a day. One that is to go on for ever is `holdpoint serve`.
+pub(super) const LINGER_SECS_MAX: i64 = 24 * 60 * 60;
+
 /// The most evaluation workers.
 pub const JOBS_MAX: u16 = 64;
 
@@ -59,6 +62,16 @@ pub struct RunArgs {
     /// Recordings and the live viewer.
     #[command(flatten)]
     pub scenes: SceneArgs,
+    /// Has the console's engine in the console's own process: it ends with the console, whoever else sits at it.
+    #[cfg(feature = "console")]
+    #[arg(long, conflicts_with_all = ["headless", "plain"])]
+    pub in_process: bool,
+    /// For how many seconds an engine that this console starts goes on with nobody at it, before it ends in good order
+    /// [default: 60].
+    #[cfg(feature = "console")]
+    #[arg(long, value_name = "SECS", value_parser = clap::value_parser!(u32).range(1..=LINGER_SECS_MAX),
+        conflicts_with_all = ["headless", "plain", "in_process"])]
+    pub linger: Option<u32>,
     /// How the console looks and who sits at it.
     #[cfg(feature = "console")]
     #[command(flatten)]
@@ -78,6 +91,8 @@ impl RunArgs {
             ("--pace", self.pace.is_some()),
             ("--view", self.scenes.view.is_some()),
             ("--no-recording", self.scenes.no_recording),
+            ("--in-process", self.in_process),
+            ("--linger", self.linger.is_some()),
         ];
         given.into_iter().filter_map(|(name, is_given)| is_given.then_some(name)).collect()
     }

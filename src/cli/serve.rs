@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use super::run::{EngineArgs, LivePace, SceneArgs, parse_pace};
+use super::run::{EngineArgs, LINGER_SECS_MAX, LivePace, SceneArgs, parse_pace};
 
 /// The arguments of `serve`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -24,6 +24,12 @@ pub struct ServeArgs {
     /// Does not print the sequences of the live cell, which are most of what happens.
     #[arg(long)]
     pub quiet: bool,
+    /// Ends in good order once nobody has sat at it, from a console, for so many seconds; `:detach` there lifts that.
+    #[arg(long, value_name = "SECS", value_parser = clap::value_parser!(u32).range(1..=LINGER_SECS_MAX))]
+    pub attended: Option<u32>,
+    /// Leaves the terminal that started it, for a session of its own, and prints faults alone.
+    #[arg(long, hide = true)]
+    pub own_session: bool,
     /// Recordings and the live viewer.
     #[command(flatten)]
     pub scenes: SceneArgs,

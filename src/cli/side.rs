@@ -201,6 +201,8 @@ pub(crate) fn refused(code: Refusal, text: &str, hint: Option<&str>) -> CliError
     let problem = Problem::from((text.to_owned(), hint.map(ToOwned::to_owned)));
     match code {
         Refusal::BadInput | Refusal::NotFound | Refusal::Exists | Refusal::Store => CliError::usage(problem),
-        Refusal::NotNow | Refusal::Stale | Refusal::NotAllowed | Refusal::Holding => CliError::held(problem),
+        Refusal::NotNow | Refusal::Stale | Refusal::NotAllowed | Refusal::Holding | Refusal::NoAnswer => {
+            CliError::held(problem)
+        }
     }
 }

@@ -63,6 +63,8 @@ pub enum Effect {
     End,
     /// End the program alone: the engine works on.
     Leave,
+    /// As that, and tell the engine to go on with nobody.
+    Detach,
 }
 
 /// What can be asked without a confirmation: it reads, or is undone as easily.

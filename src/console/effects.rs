@@ -24,7 +24,7 @@ use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
 use super::theme::Themes;
 use holdpoint_approvals::Passphrase;
-use holdpoint_engine::host::{Host, NotTaken};
+use holdpoint_engine::host::{EndFault, Host, NotTaken};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Authority, Command, Refusal, Reply, Request};
 use holdpoint_text::{Hint, Problem, Untrusted, WIDTH_MAX};
@@ -52,6 +52,7 @@ pub enum Outcome {
     Told(MsgKind),
     End,
     Leave,
+    Detach,
 }
 
 /// What an errand that took long came to.
@@ -60,6 +61,17 @@ pub enum Errand {
     Told(MsgKind),
     /// A request that was signed, for the engine.
     Signed(Box<Request>),
+    /// A look for an engine at work on the store: the seat at it, or why there is none.
+    Sought(Result<Box<Host>, String>),
+    /// An engine that was being started in a process of its own: the seat at it, or why there is none.
+    Begun(Result<Box<Begun>, EndFault>),
+}
+
+/// An engine that a console has started.
+pub struct Begun {
+    pub host: Host,
+    /// What somebody has to know about it; absent if nothing.
+    pub notice: Option<String>,
 }
 
 pub struct Hands {
@@ -143,6 +155,7 @@ impl Hands {
             Effect::Bell => self.ring(place)?,
             Effect::End => Outcome::End,
             Effect::Leave => Outcome::Leave,
+            Effect::Detach => Outcome::Detach,
         })
     }
 

@@ -44,7 +44,7 @@ pub enum Intent {
     Continue(CapabilityId),
     /// Make a superseded version of a stopped family active again.
     Rearm(CapabilityId),
-    /// Let the cell work again that was stopped at this virtual time, ms.
+    /// Let the cell work again that was stopped last at this virtual time, ms.
     Go(u64),
     /// Give the agent of the live cell a goal.
     Goal(String),
@@ -184,6 +184,31 @@ pub struct Form {
     pub signing: Option<Signing<()>>,
     /// Console time at which it was opened, ms.
     pub opened_ms: u64,
+    /// Why it cannot be asked for any more: nothing is asked, and what is typed goes nowhere.
+    pub void: Option<Void>,
+}
+
+/// What was cut off while somebody may have been typing into it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Void {
+    /// Why, one sentence.
+    pub why: String,
+    /// Console time of the last key that went nowhere, or of the cut, ms.
+    last_key_ms: u64,
+}
+
+impl Void {
+    #[must_use]
+    pub const fn new(why: String, now_ms: u64) -> Self {
+        Self { why, last_key_ms: now_ms }
+    }
+
+    /// Takes a key. Tells whether it may close what was cut off: one that comes with what was being typed does not.
+    pub const fn key(&mut self, now_ms: u64) -> bool {
+        let is_quiet = now_ms.saturating_sub(self.last_key_ms) >= GUARD_MS;
+        self.last_key_ms = now_ms;
+        is_quiet
+    }
 }
 
 /// What is said where a person's name is missing.
@@ -237,6 +262,7 @@ impl Form {
             problem: None,
             signing: None,
             opened_ms: 0,
+            void: None,
         }
     }
 
@@ -289,11 +315,14 @@ impl Form {
     /// What it does may have changed while it is open. What was read before is marked as such, and the button that
     /// confirms loses the keys: what fires is what was read.
     pub fn follow(&mut self, consequences: Vec<String>) {
-        if consequences == self.consequences {
+        if consequences == self.consequences || self.void.is_some() {
             return;
         }
         self.consequences = consequences;
-        self.signing = None;
+        // What is being typed stays a passphrase, of no more use: it must not become keys.
+        if let Some(signing) = &mut self.signing {
+            signing.go_stale("what is asked for has just changed: Esc leads back, read it again");
+        }
         // Stopping and leaving stay one key.
         if self.is_one_key() {
             return;
@@ -302,6 +331,14 @@ impl Form {
         if self.focus == FormFocus::Confirm {
             self.focus = FormFocus::Cancel;
         }
+    }
+
+    /// Nothing comes of it any more. It stays, so that what is being typed goes nowhere else, until it is closed.
+    pub fn make_void(&mut self, why: String, now_ms: u64) {
+        self.signing = None;
+        self.problem = None;
+        self.focus = FormFocus::Cancel;
+        self.void = Some(Void::new(why, now_ms));
     }
 
     /// Whether one key confirms it without a field to fill.

@@ -13,8 +13,12 @@ use std::sync::Arc;
 pub use asking::{AskedFor, Asking, PendingRequest};
 pub use entry::{Overlay, Typed, Typing, Watched, WhyScreen};
 pub use place::{Frozen, ItemKey, ListCursor, STORY_PANE, View, ViewState};
-pub use told::{Absence, EngineLink, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
+pub use told::{
+    Absence, EngineLink, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, STOP_ANSWER_MS, Seeking, StopAsked,
+    StoryLine, Told,
+};
 
+use super::action::Action;
 use super::keymap::Keymap;
 use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
@@ -143,6 +147,25 @@ impl Model {
     pub fn stale_ms(&self) -> Option<u64> {
         let age_ms = self.now_ms.saturating_sub(self.told.snapshot_ms);
         (self.told.snapshot.is_some() && age_ms > STALE_AFTER_MS).then_some(age_ms)
+    }
+
+    /// What is to be done about a stop that nobody has confirmed; absent while none is overdue.
+    #[must_use]
+    pub fn stop_overdue(&self) -> Option<String> {
+        let asked = self.told.stop_asked.as_ref()?;
+        let waited_ms = self.now_ms.saturating_sub(asked.since_ms);
+        if asked.why.is_none() && waited_ms < STOP_ANSWER_MS {
+            return None;
+        }
+        let key = self.keymap.key(Action::Stop);
+        let secs = waited_ms / 1_000;
+        let do_it = format!(
+            "use the physical stop of the cell NOW; {key} asks again, `holdpoint stop` does so in a shell"
+        );
+        Some(match &asked.why {
+            None => format!("STOP NOT ANSWERED for {secs} s: {do_it}"),
+            Some(why) => format!("STOP NOT CONFIRMED for {secs} s: {do_it} ({why})"),
+        })
     }
 
     /// The engine's virtual time now: the snapshot's and what has passed since, ms.

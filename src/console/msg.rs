@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use ratatui::crossterm::event::KeyEvent;
 
+use super::model::Seeking;
 use super::operator::Operator;
 use super::prompt::OnScreen;
 use holdpoint_engine::host::EndFault;
@@ -32,6 +33,15 @@ pub enum MsgKind {
     /// The engine is up.
     EngineStarted,
     Events(Vec<Event>),
+    /// What happened before this console came, oldest first, and how many events came before that.
+    Past {
+        events: Vec<Event>,
+        earlier: u64,
+    },
+    /// The console sits down at an engine of this process id: the first one, or another one than before.
+    Seated(Option<i32>),
+    /// A look for an engine found none.
+    Sought(Seeking),
     Answer {
         id: String,
         reply: Box<Reply>,

@@ -5,6 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::form::Void;
 use super::line::EditLine;
 use super::operator::Operator;
 use super::secret::Signing;
@@ -114,6 +115,8 @@ pub struct Prompt {
     pub scroll: u16,
     /// What is about to be signed, while a passphrase is asked for.
     pub signing: Option<Signing<Answer>>,
+    /// It closed while something was typed into it.
+    pub cut_off: Option<Void>,
     /// What of it was on the screen.
     reading: Reading,
 }
@@ -213,6 +216,7 @@ impl Prompt {
             refused: None,
             scroll: 0,
             signing: None,
+            cut_off: None,
             reading: Reading::default(),
         })
     }
@@ -253,10 +257,14 @@ impl Prompt {
     }
 
     /// Holds what was read against how things stand. Once stale it stays so until it is read again.
-    pub fn look(&mut self, snapshot: &Snapshot) {
+    pub fn look(&mut self, snapshot: &Snapshot, now_ms: u64) {
         let now = self.question(snapshot);
         self.closed = now.is_none();
         if self.closed {
+            let types = self.signing.as_ref().is_some_and(|signing| !signing.is_checked());
+            if (types || self.line_mut().is_some()) && self.cut_off.is_none() {
+                self.cut_off = Some(Void::new("it closed while you typed".to_owned(), now_ms));
+            }
             // No passphrase is asked for an answer that is none any more; what was handed over is answered.
             self.signing = self.signing.take().filter(Signing::is_checked);
             self.focus = Focus::Hold;

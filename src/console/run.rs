@@ -20,6 +20,7 @@ use std::sync::Arc;
 pub use self::farewell::{Cause, Left};
 use self::screen::Screen;
 use self::session::Session;
+pub use super::effects::Begun;
 use super::effects::ReadCandidate;
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
@@ -29,7 +30,8 @@ use super::terminal::guard::RunningGuard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
-use holdpoint_engine::host::{Host, HostConfig};
+use holdpoint_engine::host::{EndFault, Host, HostConfig};
+use holdpoint_protocol::seat::Sitting;
 use holdpoint_text::Hint;
 
 /// The engine that a console is at.
@@ -38,7 +40,12 @@ pub enum EngineAt {
     Here(HostConfig),
     /// One that is at work in another process.
     Elsewhere(Box<Host>),
+    /// One that is started in a process of its own: what waits for it, and how it is started.
+    Begun(Box<Host>, BeginEngine),
 }
+
+/// Starts an engine in a process of its own and sits down at it. Waits for that, so it is called on a thread of its own.
+pub type BeginEngine = Box<dyn FnOnce(Sitting) -> Result<Begun, EndFault> + Send>;
 
 /// What a console is started with.
 pub struct Console {

@@ -70,6 +70,8 @@ pub struct Signing<W> {
     pub asked: Option<String>,
     /// Why the last try signed nothing.
     pub problem: Option<String>,
+    /// What was to be signed is something else now: nothing is.
+    is_stale: bool,
 }
 
 /// What a key meant while a passphrase was typed.
@@ -88,7 +90,7 @@ pub enum SigningKey {
 impl<W> Signing<W> {
     #[must_use]
     pub fn of(what: W) -> Self {
-        Self { what, secret: SecretLine::default(), asked: None, problem: None }
+        Self { what, secret: SecretLine::default(), asked: None, problem: None, is_stale: false }
     }
 
     /// Enter signs, Esc leads back, and nothing else is a key.
@@ -98,7 +100,7 @@ impl<W> Signing<W> {
             KeyCode::Esc if self.asked.is_some() => return SigningKey::Away,
             KeyCode::Esc => return SigningKey::Back,
             // Handed over already.
-            _ if self.asked.is_some() => {}
+            _ if self.asked.is_some() || self.is_stale => {}
             KeyCode::Enter if !self.secret.is_empty() => return SigningKey::Sign,
             KeyCode::Enter => self.problem = Some("type the passphrase first, or Esc".to_owned()),
             KeyCode::Backspace => self.secret.erase(),
@@ -109,9 +111,18 @@ impl<W> Signing<W> {
         SigningKey::Typed
     }
 
+    /// What was to be signed has changed: what was typed is wiped, what is typed goes nowhere, and only Esc is a key.
+    pub fn go_stale(&mut self, why: &str) {
+        if self.asked.is_none() {
+            drop(self.secret.take());
+            self.is_stale = true;
+            self.problem = Some(why.to_owned());
+        }
+    }
+
     /// Types what was pasted, unless it was handed over already.
     pub fn paste(&mut self, text: &str) {
-        if self.asked.is_none() {
+        if self.asked.is_none() && !self.is_stale {
             self.secret.paste(text);
         }
     }

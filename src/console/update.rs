@@ -18,7 +18,7 @@ pub(super) use typing::into_line;
 
 use super::action::Action;
 use super::effect::Effect;
-use super::model::{EngineState, Frozen, Model, NOTICE_BYTE_MS, NOTICE_MS, Notice, Overlay, View};
+use super::model::{Frozen, Model, NOTICE_BYTE_MS, NOTICE_MS, Notice, Overlay, View};
 use super::msg::{Msg, MsgKind};
 use super::palette::Palette;
 use holdpoint_text::Hint as _;
@@ -41,6 +41,9 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) => Some(false),
         MsgKind::EngineStarted
         | MsgKind::Events(_)
+        | MsgKind::Past { .. }
+        | MsgKind::Seated(_)
+        | MsgKind::Sought(_)
         | MsgKind::Answer { .. }
         | MsgKind::Lagged(_)
         | MsgKind::Snapshot(_)
@@ -74,6 +77,12 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         }
         MsgKind::EngineStarted => engine::started(model),
         MsgKind::Events(events) => engine::events(model, events),
+        MsgKind::Past { events, earlier } => engine::past(model, &events, earlier),
+        MsgKind::Seated(process) => engine::seated(model, process),
+        MsgKind::Sought(seeking) => {
+            model.told.seeking = Some(seeking);
+            Vec::new()
+        }
         MsgKind::Answer { id, reply } => engine::answer(model, &id, *reply),
         MsgKind::Lagged(missed) => {
             model.told.missed = model.told.missed.saturating_add(missed);
@@ -85,15 +94,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             model.told.picture = Some(picture);
             Vec::new()
         }
-        MsgKind::EngineEnded(how) => {
-            if let Err(why) = &how {
-                let came_up = model.told.engine == EngineState::Running;
-                let what = if came_up { "the engine ended" } else { "the engine did not come up" };
-                tell(model, format!("{what}: {why}"), true);
-            }
-            model.told.engine = EngineState::Ended(how);
-            Vec::new()
-        }
+        MsgKind::EngineEnded(how) => engine::ended(model, how),
         MsgKind::Identities(identities) => {
             model.seat.identities = identities;
             Vec::new()
@@ -338,6 +339,10 @@ fn back(model: &mut Model) -> Vec<Effect> {
         }
         None => {
             model.notice = None;
+            // Nobody is kept from going on by a stop that came to nothing, once the engine is heard again.
+            let told = &mut model.told;
+            let heard_ms = told.snapshot_ms;
+            told.stop_asked.take_if(|asked| asked.why.is_some() && heard_ms > asked.since_ms);
             Vec::new()
         }
     }

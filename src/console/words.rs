@@ -21,7 +21,8 @@ pub fn seated(seat: &SeatView) -> String {
         None => format!("seat {}", seat.seat),
     };
     // Whoever only looks on decides nothing.
-    if seat.sitting.read_only { format!("{who}, read-only") } else { who }
+    let who = if seat.sitting.read_only { format!("{who}, read-only") } else { who };
+    if seat.not_reading { format!("{who}, NOT READING") } else { who }
 }
 
 /// A duration: `950 ms`, `12 s`, `4 min 5 s`, `3 h 2 min`.

@@ -20,7 +20,7 @@ use holdpoint_registry::{Store, StoreError, UnreadStore, VersionFilter, Views};
 
 use crate::bound;
 use crate::context::Context;
-use crate::door::{Door, LiveViews, Seats, Signals};
+use crate::door::{Door, LiveViews, Scenes, Seats, Signals};
 use crate::halt;
 use crate::view::snapshot::alarm_view;
 use crate::world::scenery;
@@ -94,6 +94,12 @@ impl<'a> Anteroom<'a> {
     /// Has everything shown to whoever attaches.
     pub fn show(&self, views: LiveViews) {
         self.door.show(views);
+    }
+
+    /// Where it is put how the live scene is served.
+    #[must_use]
+    pub fn scenes(&self) -> Scenes {
+        self.door.scenes()
     }
 
     /// Who looks.
@@ -178,7 +184,8 @@ fn show_stop(shown: &mut Snapshot, controls: &Controls) {
         && let Some(AskedStop { by, reason, caller, .. }) = controls.switch.first_asked()
     {
         let since_ms = shown.at_ms;
-        shown.stopped = Some(StoppedView { by, caller, reason, since_ms, stood_after_ticks: Some(0) });
+        let stopped = StoppedView::first(by, caller, reason, since_ms);
+        shown.stopped = Some(StoppedView { stood_after_ticks: Some(0), ..stopped });
     }
 }
 
@@ -263,6 +270,7 @@ fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result
         thresholds: context.thresholds(),
         observed: ObservedCounts::default(),
         seats: Vec::new(),
+        ends_alone_s: None,
     })
 }
 

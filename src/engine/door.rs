@@ -16,16 +16,16 @@ mod socket;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
 
-pub use attended::{LiveViews, SHOWN_TO_NOBODY};
+pub use attended::{LET_GO_AFTER, LiveViews, PAST_MAX, READS_WITHIN, SHOWN_TO_NOBODY};
 pub use classes::{ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
 pub use client::{Attachment, Client, Notification, Sayer, Shown, Subscription};
 pub use seats::{Seat, Seats};
@@ -34,8 +34,9 @@ pub use socket::socket_path;
 use self::classes::Classes;
 use super::Engine;
 use crate::world::switch::Switch;
-use holdpoint_protocol::command::{Caller, Reply, Request};
+use holdpoint_protocol::command::{Caller, Command, Reply, Request};
 use holdpoint_protocol::event::Event;
+use holdpoint_protocol::sink::Serve;
 use holdpoint_protocol::wire;
 use holdpoint_registry::Layout;
 use holdpoint_text::Hint;
@@ -171,7 +172,13 @@ pub struct Door {
     socket: PathBuf,
     seats: Arc<Seats>,
     shown: Arc<attended::Shown>,
+    /// What happened last, for whoever attaches later.
+    past: Arc<Mutex<attended::Past>>,
+    scenes: Scenes,
 }
+
+/// How the live scene is served; empty as long as it cannot be.
+pub type Scenes = Arc<OnceLock<Serve>>;
 
 impl Door {
     /// Opens the door of the store that the caller's engine has. A socket left by an engine that is gone is
@@ -194,6 +201,8 @@ impl Door {
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
         let (seats, shown) = (Arc::<Seats>::default(), Arc::<attended::Shown>::default());
+        let past = Arc::<Mutex<attended::Past>>::default();
+        let scenes = Scenes::default();
         let serve = server::DoorServer {
             requests: sender,
             events: events.clone(),
@@ -204,6 +213,8 @@ impl Door {
             classes: Classes::default(),
             seats: Arc::clone(&seats),
             shown: Arc::clone(&shown),
+            past: Arc::clone(&past),
+            scenes: Arc::clone(&scenes),
         };
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
         Ok(Self {
@@ -218,12 +229,20 @@ impl Door {
             socket,
             seats,
             shown,
+            past,
+            scenes,
         })
     }
 
     /// Has the engine shown to whoever attaches, from now on.
     pub fn show(&self, views: LiveViews) {
         self.shown.set(views);
+    }
+
+    /// Where it is put how the live scene is served, once it can be.
+    #[must_use]
+    pub fn scenes(&self) -> Scenes {
+        Arc::clone(&self.scenes)
     }
 
     /// Who looks at the engine.
@@ -240,6 +259,7 @@ impl Door {
     ) {
         while let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) {
             if let Incoming::Request(request, caller, answer) = next {
+                note_ending(&self.seats, &request, &caller);
                 self.early.push(EarlyRequest { request, caller, answer, since: Instant::now() });
             }
         }
@@ -281,11 +301,12 @@ impl Door {
         answer: oneshot::Sender<Reply>,
     ) {
         let id = request.id.clone();
+        note_ending(&self.seats, &request, &caller);
         // Whoever asked may be gone; what was asked is done all the same.
         match engine.offer_for(request, caller) {
             Some(mut reply) => {
                 if let Reply::Snapshot { snapshot } = &mut reply {
-                    snapshot.seats = self.seats.views();
+                    self.seats.show_in(snapshot);
                 }
                 drop(answer.send(reply));
             }
@@ -304,6 +325,12 @@ impl Door {
     }
 
     pub fn publish(&self, events: &[Event]) {
+        if events.is_empty() {
+            return;
+        }
+        // Held for as long as it takes to copy what is kept, when somebody attaches.
+        let mut past = self.past.lock().unwrap_or_else(PoisonError::into_inner);
+        events.iter().for_each(|event| past.note(event));
         if self.events.receiver_count() == 0 {
             return;
         }
@@ -338,6 +365,20 @@ impl Door {
     pub fn socket(&self) -> &Path {
         &self.socket
     }
+}
+
+/// Whoever asks for the end is whom it was ended by.
+fn note_ending(seats: &Seats, request: &Request, caller: &Caller) {
+    if !matches!(request.command, Command::Shutdown) {
+        return;
+    }
+    seats.note_ending(|| {
+        let process = match caller {
+            Caller::Process { process, .. } => *process,
+            Caller::Script => None,
+        };
+        process.and_then(|process| seats.named(process)).unwrap_or_else(|| caller.to_string())
+    });
 }
 
 impl Drop for Door {

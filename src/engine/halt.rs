@@ -6,7 +6,7 @@
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_protocol::snapshot::StoppedView;
+use holdpoint_protocol::snapshot::{StopAgain, StoppedView};
 use holdpoint_registry::{AuditFilter, Layout, StoreError, Views};
 use holdpoint_text::{Hint, is_visible};
 use serde::{Deserialize, Serialize};
@@ -111,13 +111,11 @@ fn note(record: &mut Record, world: &mut LiveWorld, asked: AskedStop) -> Result<
     }
     record.tell(EventKind::CellStopped { by: by.clone(), caller: caller.clone(), reason: reason.clone() });
     let body = serde_json::json!({ "by": by, "caller": caller, "reason": reason }).to_string();
-    world.halted.get_or_insert(StoppedView {
-        by,
-        caller,
-        reason,
-        since_ms: record.now_ms(),
-        stood_after_ticks: None,
-    });
+    let at_ms = record.now_ms();
+    match &mut world.halted {
+        Some(halted) => halted.note_again(StopAgain { by, caller, reason, at_ms }),
+        None => world.halted = Some(StoppedView::first(by, caller, reason, at_ms)),
+    }
     let written = if world.unwritten.bodies.is_empty() {
         record.note(RecordKind::CellStopped, String::new(), body.clone())
     } else {
@@ -180,6 +178,9 @@ pub(crate) fn go(
     Ok(Reply::Accepted { text: "the cell works again".to_owned(), version: None })
 }
 
+/// The most stops of one standstill that are read again; who came later is on record, and not named.
+const RECALLED_MAX: usize = 256;
+
 /// A stop that nobody has ended: the first after the last go in the chain, or the one beside it that is on no record.
 ///
 /// # Errors
@@ -192,15 +193,25 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
         ..AuditFilter::default()
     };
     let from_seq = views.audit(&newest)?.first().map_or(0, |record| record.seq);
-    let first =
-        AuditFilter { from_seq, kind: Some(RecordKind::CellStopped), limit: 1, ..AuditFilter::default() };
-    let Some(found) = views.audit(&first)?.into_iter().next() else {
+    let since = AuditFilter {
+        from_seq,
+        kind: Some(RecordKind::CellStopped),
+        limit: RECALLED_MAX,
+        ..AuditFilter::default()
+    };
+    let mut found = views.audit(&since)?.into_iter();
+    let Some(first) = found.next() else {
         let marked = views.folder().and_then(|folder| Layout::new(folder).marked_stop());
         // When it was asked for is on no record: after the last there is.
         let since_ms = views.head()?.at_ms;
         return Ok(marked.map(|text| StopOnRecord::read(&text).view(since_ms)));
     };
-    Ok(Some(StopOnRecord::read(&found.body).view(found.at_ms)))
+    let mut stopped = StopOnRecord::read(&first.body).view(first.at_ms);
+    for record in found {
+        let StopOnRecord { by, caller, reason } = StopOnRecord::read(&record.body);
+        stopped.note_again(StopAgain { by, caller, reason, at_ms: record.at_ms });
+    }
+    Ok(Some(stopped))
 }
 
 impl StopOnRecord {
@@ -215,6 +226,6 @@ impl StopOnRecord {
 
     fn view(self, since_ms: u64) -> StoppedView {
         let Self { by, caller, reason } = self;
-        StoppedView { by, caller, reason, since_ms, stood_after_ticks: Some(0) }
+        StoppedView { stood_after_ticks: Some(0), ..StoppedView::first(by, caller, reason, since_ms) }
     }
 }

@@ -9,6 +9,7 @@
 //! goes on answering.
 
 mod attached;
+mod coming;
 mod elsewhere;
 mod publisher;
 mod serving;
@@ -25,6 +26,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 
 use self::attached::Attached;
+use self::coming::Coming;
 pub use self::elsewhere::EngineElsewhere;
 use self::publisher::Publisher;
 use self::serving::{Serving, said};
@@ -44,6 +46,9 @@ use holdpoint_protocol::sink::{MakeSink, Serve};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
 
+/// How long an engine in another process is waited for about the live scene: somebody sits at the screen.
+const SCENE_PATIENCE: Duration = Duration::from_millis(500);
+
 /// By how much evaluation stands back behind the front end's thread.
 const NICE: i32 = 5;
 
@@ -60,6 +65,8 @@ pub struct HostConfig {
     pub pace: Option<f64>,
     /// Who listens besides the front end: recordings, a live viewer.
     pub sinks: Vec<MakeSink>,
+    /// For how long it works with nobody at a seat, before it ends in good order; absent for ever.
+    pub alone_max: Option<Duration>,
 }
 
 impl HostConfig {
@@ -128,6 +135,7 @@ pub struct Host {
 enum Way {
     Thread(OwnEngine),
     Socket(Attached),
+    Coming(Coming),
 }
 
 /// An engine on a thread of this process.
@@ -236,10 +244,66 @@ impl Host {
         Ok(Self { updates, snapshots, pictures, layout, way })
     }
 
+    /// Sits down at whatever engine is at work on a store, in another process; `None` if none is.
+    ///
+    /// # Errors
+    /// As [`Host::attach`]; [`DoorError::Silent`] if one is there and says nothing.
+    pub fn find(layout: &Layout, sitting: Sitting) -> Result<Option<Self>, DoorError> {
+        let client = Client::connect(layout)?;
+        client.map(|client| Self::attach(layout.clone(), client, sitting)).transpose()
+    }
+
+    /// The store's files.
+    #[must_use]
+    pub const fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
     /// Whether the engine is another process's.
     #[must_use]
     pub const fn is_attached(&self) -> bool {
         matches!(self.way, Way::Socket(_))
+    }
+
+    /// Process id of the engine, if it is another process's.
+    #[must_use]
+    pub const fn process(&self) -> Option<i32> {
+        match &self.way {
+            Way::Socket(attached) => Some(attached.process()),
+            Way::Thread(_) | Way::Coming(_) => None,
+        }
+    }
+
+    /// An engine that is being started in another process: what is asked of it waits.
+    #[must_use]
+    pub fn coming(layout: Layout) -> Self {
+        let (told, updates) = mpsc::channel(UPDATES_MAX);
+        let (snapshots, pictures) = (watch::channel(None).1, watch::channel(None).1);
+        let way = Way::Coming(Coming::new(told));
+        Self { updates, snapshots, pictures, layout, way }
+    }
+
+    /// What was asked while the engine was being started. Nothing more waits from now on.
+    #[must_use]
+    pub fn take_waiting(&self) -> Vec<Request> {
+        match &self.way {
+            Way::Coming(coming) => coming.take(),
+            Way::Thread(_) | Way::Socket(_) => Vec::new(),
+        }
+    }
+
+    /// Has an engine of another process go on when nobody sits at it any more. Waits for its word.
+    ///
+    /// # Errors
+    /// [`DoorError`]; it may end then, once nobody sits there.
+    pub fn keep(&self) -> Result<(), DoorError> {
+        match &self.way {
+            Way::Socket(_) => match Client::connect(&self.layout)? {
+                Some(mut client) => client.keep(),
+                None => Err(DoorError::Ended { path: crate::door::socket_path(&self.layout) }),
+            },
+            Way::Thread(_) | Way::Coming(_) => Ok(()),
+        }
     }
 
     /// Hands a request over. Its answer comes as [`Update::Answer`], or the request as [`Update::Returned`] if the engine
@@ -253,6 +317,7 @@ impl Host {
         match &self.way {
             Way::Thread(own) => own.ask(request),
             Way::Socket(attached) => attached.ask(request),
+            Way::Coming(coming) => coming.ask(request),
         }
     }
 
@@ -269,16 +334,21 @@ impl Host {
                 own.seat.as_ref().map(Seat::number)
             }
             Way::Socket(attached) => Some(attached.sit(sitting)),
+            Way::Coming(_) => None,
         }
     }
 
     /// Has the live scene served to viewers at this address from now on. Tells whether somebody was there to do it;
-    /// what came of it is told as an event. An engine of another process serves what it was started with.
+    /// what came of it is told as an event. One of another process is asked, and waited for.
     #[must_use]
     pub fn serve_scene(&self, address: std::net::SocketAddr) -> bool {
         match &self.way {
             Way::Thread(own) => own.shared.serve.get().is_some_and(|serve| serve(address)),
-            Way::Socket(_) => false,
+            Way::Socket(_) => {
+                let client = Client::connect_within(&self.layout, SCENE_PATIENCE).ok().flatten();
+                client.is_some_and(|mut client| client.serve_scene(address).unwrap_or(false))
+            }
+            Way::Coming(_) => false,
         }
     }
 
@@ -315,7 +385,7 @@ impl Host {
         let Self { mut updates, way, .. } = self;
         match way {
             Way::Thread(own) => own.stop(&mut updates, patience),
-            Way::Socket(_) => Ok(()),
+            Way::Socket(_) | Way::Coming(_) => Ok(()),
         }
     }
 }
@@ -420,10 +490,14 @@ fn start(
     // It is set once, here.
     drop(early.shared.switch.set(anteroom.switch()));
     anteroom.show(views);
-    early.publisher.seat(anteroom.seats());
+    let (seats, scenes) = (anteroom.seats(), anteroom.scenes());
+    if let Some(alone_max) = config.alone_max {
+        seats.end_alone_after(alone_max);
+    }
+    early.publisher.seat(Arc::clone(&seats));
     drop(early.shared.seats.set(anteroom.seats()));
     while !anteroom.turn() {
-        if early.requests(&mut anteroom) || anteroom.has_ended() {
+        if early.requests(&mut anteroom) || anteroom.has_ended() || seats.left_alone().is_some() {
             return Ok(None);
         }
         if anteroom.has_records() && begun.elapsed() >= LOOK_PATIENCE {
@@ -435,6 +509,8 @@ fn start(
     }
     let (engine, door) = anteroom.enter().map_err(EndFault::from)?;
     let mut pump = Pump::with_door(engine, door, config.sinks);
+    // It is set once, here.
+    drop(pump.serve().map(|serve| scenes.set(serve)));
     let others = pump.pictures();
     let pictures = move |taken: Picture| {
         if let Some(take) = &others {
@@ -461,6 +537,7 @@ mod tests {
             robot: None,
             pace: None,
             sinks: Vec::new(),
+            alone_max: None,
         }
     }
 

@@ -18,6 +18,8 @@ pub struct Service {
     pub json: bool,
     /// Whether the sequences of the live cell are left out.
     pub quiet: bool,
+    /// Whether events are printed that are faults, and no others: what is printed is kept in a file.
+    pub only_faults: bool,
 }
 
 /// Works until a signal or a command ends the engine.
@@ -31,6 +33,7 @@ pub fn serve(service: Service, out: &mut dyn Write) -> Result<Exit, CliError> {
     let mut stream = ServiceStream {
         printer: Some(Printer::new(out, service.json)),
         quiet: service.quiet,
+        only_faults: service.only_faults,
         up: false,
         faulted: false,
     };
@@ -42,7 +45,7 @@ pub fn serve(service: Service, out: &mut dyn Write) -> Result<Exit, CliError> {
                 stream.note(&format!("{missed} events were not printed: the reader is too slow"));
             }
             // Nobody asks anything here.
-            Some(Update::Answer { .. } | Update::Returned(_)) => {}
+            Some(Update::Answer { .. } | Update::Past { .. } | Update::Returned(_)) => {}
             Some(Update::Ended(ended)) => break ended,
             None => break Err(EndFault::of("the engine's thread is gone")),
         }
@@ -60,6 +63,7 @@ struct ServiceStream<'a> {
     /// Absent once nobody reads any more.
     printer: Option<Printer<'a>>,
     quiet: bool,
+    only_faults: bool,
     /// Whether the engine came up.
     up: bool,
     /// Whether it held because of a fault of its own.
@@ -70,7 +74,9 @@ impl ServiceStream<'_> {
     fn tell(&mut self, events: &[Event]) {
         for event in events {
             self.faulted |= matches!(event.kind, EventKind::Fault { .. });
-            if self.quiet && matches!(event.kind, EventKind::Sequence { .. }) {
+            let is_fault = matches!(event.kind, EventKind::Fault { .. });
+            let is_sequence = matches!(event.kind, EventKind::Sequence { .. });
+            if (self.quiet && is_sequence) || (self.only_faults && !is_fault) {
                 continue;
             }
             self.print(|printer| printer.event(event));

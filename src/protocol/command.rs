@@ -327,6 +327,8 @@ pub enum Refusal {
     Store,
     /// The engine is holding after a fault of its own.
     Holding,
+    /// No engine has answered: whether it was carried out is not known. Said by whoever asked, never by an engine.
+    NoAnswer,
 }
 
 impl Command {

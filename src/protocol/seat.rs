@@ -49,6 +49,9 @@ pub struct SeatView {
     pub process: Option<u32>,
     /// What they say of themselves.
     pub sitting: Sitting,
+    /// They take nothing of what is shown: a console that was stopped, or a line that is dead. Such a seat is let go soon.
+    #[serde(default)]
+    pub not_reading: bool,
 }
 
 #[cfg(test)]

@@ -84,6 +84,10 @@ pub struct Snapshot {
     /// Who looks at this engine, in the order of sitting down.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub seats: Vec<SeatView>,
+    /// The engine was begun by a console and ends in good order once nobody has sat at it for so long, s; absent if it goes
+    /// on with nobody.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ends_alone_s: Option<u64>,
 }
 
 /// What a signature under a request is bound to, beside the request.
@@ -127,6 +131,54 @@ pub struct StoppedView {
     pub since_ms: u64,
     /// Ticks from the request to the standing arm; absent until every joint stands.
     pub stood_after_ticks: Option<u64>,
+    /// Who stopped it again since, by the time of each one's last stop: the last [`STOPS_NAMED_MAX`] of them.
+    #[serde(default)]
+    pub again: Vec<StopAgain>,
+    /// How many more times it was stopped again, between the first and those.
+    #[serde(default)]
+    pub unnamed: u64,
+}
+
+/// The most people that are named as having stopped a cell again that was stopped already.
+pub const STOPS_NAMED_MAX: usize = 4;
+
+/// A stop of a cell that was stopped already. Whoever lets it work again answers for this one too.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StopAgain {
+    /// Who stopped it, as they called themselves.
+    pub by: String,
+    /// Whose process asked, as the system has it.
+    pub caller: Caller,
+    /// Why, in the person's own words; may be empty.
+    pub reason: String,
+    /// Virtual time of it, ms.
+    pub at_ms: u64,
+}
+
+impl StoppedView {
+    /// A stop that nobody has added to yet; the arm may still move.
+    #[must_use]
+    pub const fn first(by: String, caller: Caller, reason: String, since_ms: u64) -> Self {
+        Self { by, caller, reason, since_ms, stood_after_ticks: None, again: Vec::new(), unnamed: 0 }
+    }
+
+    /// Somebody stops the stopped cell. The same one with the same reason is named once, at the last time.
+    pub fn note_again(&mut self, stop: StopAgain) {
+        let is_same =
+            |one: &StopAgain| one.by == stop.by && one.caller == stop.caller && one.reason == stop.reason;
+        self.again.retain(|one| !is_same(one));
+        self.again.push(stop);
+        if self.again.len() > STOPS_NAMED_MAX {
+            self.again.remove(0);
+            self.unnamed += 1;
+        }
+    }
+
+    /// Virtual time of the last stop, ms.
+    #[must_use]
+    pub fn last_ms(&self) -> u64 {
+        self.again.last().map_or(self.since_ms, |stop| stop.at_ms)
+    }
 }
 
 /// A monitor's question: people are needed, or the version is rolled back at the deadline.

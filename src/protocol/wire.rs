@@ -1,5 +1,7 @@
 //! What goes over the socket: one JSON document a line, each side's lines of bounded length.
 
+use std::net::SocketAddr;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +40,13 @@ pub enum Call {
         /// Who sits down.
         sitting: Sitting,
     },
+    /// The engine is to go on when nobody sits at it any more, answered by one [`Answer::Kept`].
+    Keep {},
+    /// The live scene is to be served to viewers, answered by one [`Answer::Scene`].
+    Scene {
+        /// At this address and port.
+        address: SocketAddr,
+    },
     /// Somebody who is attached has something else before them.
     Sit {
         /// What they say of themselves now.
@@ -71,6 +80,18 @@ pub enum Answer {
         /// The number of the seat.
         seat: u64,
     },
+    /// What happened before, for whoever has just attached: the newest events, oldest first. Comes before all others.
+    Past {
+        /// The last of this engine's life, without progress; of sequences one after the other the last alone.
+        events: Vec<Event>,
+        /// How many of such came before them, and are on record alone.
+        earlier: u64,
+    },
+    /// The engine ends in good order, for whoever is attached: the last line.
+    Ended {
+        /// Who ended it, in words.
+        by: String,
+    },
     /// How things stand, for whoever is attached.
     Snapshot {
         /// All of it.
@@ -90,6 +111,13 @@ pub enum Answer {
     Lagged {
         /// How many events this subscriber does not get.
         missed: u64,
+    },
+    /// The engine goes on when nobody sits at it any more.
+    Kept,
+    /// Whether there is somebody who draws the live scene; what came of it is told as an event.
+    Scene {
+        /// Whether it was handed on.
+        served: bool,
     },
     /// The connection is closed: what was sent is not allowed, or there are too many connections.
     Closed {

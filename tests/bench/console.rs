@@ -2,7 +2,8 @@
 //!
 //! Measures against the budget of the design: building a frame at 200x60 with 10,000 versions, the first frame after
 //! the start, key to repaint while the evaluation uses every core, and the processor's time of a console nobody
-//! uses. Prints a table; says nothing about correctness.
+//! uses; each with the engine in a process of its own and in the console's, in turns. Prints a table; says nothing
+//! about correctness. `HOLDPOINT_COST_LINES=2` types fewer lines.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -38,7 +39,7 @@ const ROWS: u64 = 10_000;
 const FRAMES: usize = 300;
 
 /// Starts that are timed.
-const STARTS: usize = 7;
+const STARTS: usize = 10;
 
 /// Keys that are timed: so many lines of so many letters.
 const LINES: usize = 8;
@@ -52,13 +53,32 @@ const TICKS_PER_SEC: f64 = 100.0;
 
 const SIZE: (u16, u16) = (200, 60);
 
+/// Where the engine is, and how that is asked for.
+const PLACES: [(&str, &[&str]); 2] = [("attached", &["--linger=5"]), ("in process", &["--in-process"])];
+
 fn main() {
     println!("load average: {}", std::fs::read_to_string("/proc/loadavg").unwrap().trim());
     println!("{:<44} {:>10} {:>10} {:>10}", "what", "median", "p99", "budget");
     row("frame at 200x60, 10,000 versions", frames(), "2 ms");
-    row("first frame after the start", (0..STARTS).map(|_| first_frame()).collect(), "150 ms");
-    row("key to repaint, evaluation on every core", keys(), "50 ms (p99)");
-    idle();
+    // In turns, so that what else the machine does is in both.
+    let mut starts = PLACES.map(|_| (Vec::new(), Vec::new()));
+    for _ in 0..STARTS {
+        for ((_, more), (frames, shown)) in PLACES.iter().zip(&mut starts) {
+            let (frame, show) = first_frame(more);
+            frames.push(frame);
+            shown.push(show);
+        }
+    }
+    for ((place, _), (frames, shown)) in PLACES.iter().zip(starts) {
+        row(&format!("first frame after the start, {place}"), frames, "150 ms");
+        row(&format!("the engine is shown after the start, {place}"), shown, "");
+    }
+    for (place, more) in PLACES {
+        row(&format!("key to repaint, every core at work, {place}"), keys(more), "50 ms (p99)");
+    }
+    for (place, more) in PLACES {
+        idle(place, more);
+    }
 }
 
 fn row(what: &str, mut times: Vec<Duration>, budget: &str) {
@@ -110,31 +130,47 @@ fn frames() -> Vec<Duration> {
     (0..FRAMES).map(frame).collect()
 }
 
-fn first_frame() -> Duration {
+/// How long until there is a frame, and until the engine is on it.
+fn first_frame(more: &[&str]) -> (Duration, Duration) {
     let home = Home::new();
     let begun = Instant::now();
-    let console = home.console(&["run", "--no-tour"], SIZE);
+    let mut console = home.console(&[&["run", "--no-tour"], more].concat(), SIZE);
     let ends = |raw: &[u8]| raw.windows(8).any(|bytes| bytes == b"\x1b[?2026l");
     console.wait_for_bytes("the first frame", ends);
-    begun.elapsed()
+    let frame = begun.elapsed();
+    console.wait_for_text("SIM");
+    let shown = begun.elapsed();
+    end(&mut console);
+    (frame, shown)
+}
+
+/// Ends console and engine.
+fn end(console: &mut Console) {
+    console.keys("1q");
+    console.wait_for_text(" y does it");
+    // The key counts as soon as the screen says so.
+    console.keys("y");
+    console.end();
 }
 
 /// A console whose engine evaluates a candidate.
-fn at_work(home: &Home) -> Console {
+fn at_work(home: &Home, more: &[&str]) -> Console {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = format!("--jobs={cores}");
-    let mut console = home.console(&["run", "--no-tour", &jobs], SIZE);
+    let mut console = home.console(&[&["run", "--no-tour", &jobs], more].concat(), SIZE);
     console.wait_for_text("SIM");
     console.keys(":demo\r");
     console.wait_for_text("sandbox");
     console
 }
 
-fn keys() -> Vec<Duration> {
+fn keys(more: &[&str]) -> Vec<Duration> {
     let home = Home::new();
-    let mut console = at_work(&home);
-    let mut times = Vec::with_capacity(LINES * LETTERS);
-    for _ in 0..LINES {
+    let mut console = at_work(&home, more);
+    let asked = std::env::var("HOLDPOINT_COST_LINES").ok().and_then(|text| text.parse().ok());
+    let lines = asked.unwrap_or(LINES);
+    let mut times = Vec::with_capacity(lines * LETTERS);
+    for _ in 0..lines {
         console.keys(":");
         for count in 1..=LETTERS {
             let typed = "w".repeat(count);
@@ -146,15 +182,21 @@ fn keys() -> Vec<Duration> {
         console.keys("\x1b");
         console.wait_for("the line is closed", |screen| !screen.contents().contains("www"));
     }
+    end(&mut console);
     times
 }
 
-fn idle() {
+fn idle(place: &str, more: &[&str]) {
     let home = Home::new();
-    let mut console = home.console(&["run", "--no-tour"], SIZE);
+    let mut console = home.console(&[&["run", "--no-tour"], more].concat(), SIZE);
     console.wait_for_text("SIM");
     let id = console.id();
-    let files = [format!("/proc/{id}/stat"), format!("/proc/{id}/task/{id}/stat")];
+    let owner = std::fs::read_to_string(home.data().join("engine.lock")).unwrap();
+    let engine: u32 = owner.split(' ').nth(1).unwrap().parse().unwrap();
+    let mut files = vec![format!("/proc/{id}/task/{id}/stat"), format!("/proc/{id}/stat")];
+    if engine != id {
+        files.push(format!("/proc/{engine}/stat"));
+    }
     // Nobody sends: the time passes.
     let (_kept, never) = sync_channel::<()>(1);
     for (key, what) in [("1", "the arm moves on the screen"), ("5", "alarms, nothing moves")] {
@@ -164,10 +206,14 @@ fn idle() {
         never.recv_timeout(IDLE).ok();
         let share =
             |at: usize| (ticks(&files[at]) - before[at]) as f64 / TICKS_PER_SEC / IDLE.as_secs_f64() * 100.0;
-        let (whole, own) = (share(0), share(1));
-        println!("{:<44} {own:>9.2}% {:>10} {:>10}", format!("console's thread: {what}"), "", "2 %");
-        println!("{:<44} {whole:>9.2}%", format!("process, cell at 1x: {what}"));
+        println!("{what}, {place}, cell at 1x:");
+        println!("{:<44} {:>9.2}% {:>10} {:>10}", "  console's thread", share(0), "", "2 %");
+        println!("{:<44} {:>9.2}%", "  console's process", share(1));
+        if files.len() > 2 {
+            println!("{:<44} {:>9.2}%", "  engine's process", share(2));
+        }
     }
+    end(&mut console);
 }
 
 /// User and system time of a process or thread.

@@ -46,6 +46,11 @@ fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
     assert_restored(&second);
     first.wait_for("mara is gone", |screen| !screen.contents().contains("with mara"));
     assert!(home.must(&["status"]).contains("sim"));
+    // What was done while the other one was away is told to whoever comes.
+    let mut third = attach(&home, &[]);
+    third.wait_for_text("the cell is stopped by mara");
+    third.keys("q");
+    third.end();
     assert_eq!(quit(&mut first), 0);
     verified(&home);
 }
@@ -53,7 +58,8 @@ fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
 #[test]
 fn an_end_elsewhere_is_told_and_one_that_is_killed_leaves_its_seat() {
     let home = Home::new();
-    let mut first = fresh(&home, &[]);
+    let mut first = home.console(&["run", "--no-tour", "--jobs=1", "--in-process"], SIZE);
+    first.wait_for("the engine is up", |screen| is_up(&screen.contents()));
     let mut second = attach(&home, &["--read-only"]);
     first.wait_for_text("with seat 2");
     let third = attach(&home, &[]);
@@ -62,15 +68,16 @@ fn an_end_elsewhere_is_told_and_one_that_is_killed_leaves_its_seat() {
     first.wait_for("seat 3 is free", |screen| !screen.contents().contains("seat 3"));
     second.keys(":demo\r");
     second.wait_for_text("read-only");
-    assert_eq!(quit(&mut first), 0);
-    second.wait_for_text("has ended");
+    // This one is its console's, and ends with it; that is no crash, and whose doing it was is said.
+    first.keys("q");
+    first.wait_for_text(" y does it");
+    first.keys("y");
+    assert_eq!(first.end().exit_code(), 0);
+    second.wait_for_text("ENGINE ENDED: it ended in good order: seat 1 ended it");
     second.keys("q");
-    second.end();
-    assert!(
-        second.contents().contains("the engine that this console was at is gone"),
-        "{}",
-        second.contents()
-    );
+    assert_eq!(second.end().exit_code(), 0, "{}", second.contents());
+    let said = second.contents().replace('\n', "");
+    assert!(said.contains("the engine that this console was at is gone: it ended in good order"), "{said}");
 }
 
 #[test]

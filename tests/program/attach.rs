@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use holdpoint::body::rehearsal::{DriftKind, Magnitude};
-use holdpoint::engine::door::{Attachment, Client, Shown};
+use holdpoint::engine::door::{Attachment, Client, DoorError, LET_GO_AFTER, Shown};
 use holdpoint::engine::host::{Host, Update};
 use holdpoint::protocol::command::{Command, Reply, Request};
 use holdpoint::protocol::event::EventKind;
@@ -185,7 +185,7 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
                     match seat.next(PATIENCE).unwrap().expect("something is shown in time") {
                         Shown::Snapshot(_) => snapshots += 1,
                         Shown::Missed(some) => missed += some,
-                        Shown::Picture(_) => {}
+                        Shown::Picture(_) | Shown::Past { .. } | Shown::Ended { .. } => {}
                         Shown::Event(event) => {
                             if matches!(event.kind, EventKind::AuditClosed { .. }) {
                                 return (snapshots, missed);
@@ -204,6 +204,81 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     }
     let now = front.snapshot();
     assert!(now.candidates.iter().all(|one| one.state.is_terminal()), "it was judged");
-    let fresh = snapshot(&mut sleeper, |snapshot| snapshot.at_ms >= now.at_ms);
+    // One that slept for longer than it may has lost its seat, and takes another one.
+    let until = Instant::now() + PATIENCE;
+    let fresh = loop {
+        assert!(Instant::now() < until, "no such snapshot came");
+        match sleeper.next(PATIENCE) {
+            Ok(Some(Shown::Snapshot(shown))) if shown.at_ms >= now.at_ms => break shown,
+            Ok(_) => {}
+            Err(_) => sleeper = attach(0),
+        }
+    };
     assert!(fresh.seats.iter().any(|one| one.sitting.who.as_deref() == Some("looker-0")));
+}
+
+/// A console that was stopped was shown as present for ever, and its connection was never closed.
+#[test]
+fn whoever_never_reads_is_shown_as_such_and_let_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let _front = Front::start(folder.path(), Some(1.0));
+    let mut sleeper = Raw::connect(folder.path());
+    sleeper.send("{\"call\":\"attach\",\"sitting\":{\"who\":\"sleeper\",\"view\":\"Overview\"}}\n");
+    let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
+    let reads = |snapshot: &Snapshot| {
+        let seat = snapshot.seats.iter().find(|one| one.sitting.who.as_deref() == Some("sleeper"));
+        seat.map(|seat| !seat.not_reading)
+    };
+    snapshot(&mut ana, |snapshot| reads(snapshot) == Some(true));
+    let begun = Instant::now();
+    snapshot(&mut ana, |snapshot| reads(snapshot) == Some(false));
+    snapshot(&mut ana, |snapshot| reads(snapshot).is_none());
+    assert!(begun.elapsed() >= LET_GO_AFTER, "it had {:?}", begun.elapsed());
+    // Whoever reads is not touched by it.
+    snapshot(&mut ana, |snapshot| snapshot.seats.len() == 1);
+    drop(sleeper);
+}
+
+/// A seat took the orderly end of its engine for a crash.
+#[test]
+fn an_orderly_end_is_told_with_whose_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let _front = Front::start(folder.path(), Some(1.0));
+    let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
+    snapshot(&mut ana, |_| true);
+    // Whoever asks may be answered by the end itself.
+    drop(client(folder.path()).ask(Command::Shutdown));
+    let by = loop {
+        if let Some(Shown::Ended { by }) = ana.next(PATIENCE).unwrap() {
+            break by;
+        }
+    };
+    assert_eq!(by, "ana", "she sits in the process that asked");
+    assert!(matches!(ana.next(PATIENCE), Err(DoorError::Ended { .. })));
+}
+
+/// A seat knew nothing of what had happened before it came.
+#[test]
+fn what_happened_before_is_told_at_once_and_nothing_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut front = Front::start(folder.path(), None);
+    let stop = Command::Stop { by: "bert".to_owned(), reason: "a hand".to_owned() };
+    assert!(matches!(front.carry_out(stop), Reply::Accepted { .. }));
+    front.until(|kind| matches!(kind, EventKind::ArmStands { .. }));
+    let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
+    let Some(Shown::Past { events, earlier: 0 }) = ana.next(PATIENCE).unwrap() else {
+        panic!("the past comes first")
+    };
+    assert!(
+        events.iter().any(|event| matches!(&event.kind, EventKind::CellStopped { by, .. } if by == "bert"))
+    );
+    let last = events.last().unwrap().seq;
+    let go = Command::Go { by: "bert".to_owned(), reason: "it is empty".to_owned() };
+    assert!(matches!(front.carry_out(go), Reply::Accepted { .. }));
+    loop {
+        if let Some(Shown::Event(event)) = ana.next(PATIENCE).unwrap() {
+            assert_eq!(event.seq, last + 1, "{event:?}");
+            break;
+        }
+    }
 }

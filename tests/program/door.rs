@@ -413,6 +413,10 @@ fn every_answer_survives_the_wire() {
         Answer::Event { event: Box::new(told(1, "\u{1b}[2J\n")) },
         Answer::Lagged { missed: 3 },
         Answer::Closed { text: "why".to_owned() },
+        Answer::Past { events: vec![told(1, "\u{1b}[2J\n")], earlier: 7 },
+        Answer::Ended { by: "ana".to_owned() },
+        Answer::Kept,
+        Answer::Scene { served: true },
     ] {
         let line = holdpoint::protocol::wire::line(&answer).unwrap();
         assert_eq!(line.matches('\n').count(), 1, "{line}");

@@ -63,6 +63,7 @@ fn start(folder: &Path, watch: ReadWatch) -> Host {
         robot: None,
         pace: Some(1.0),
         sinks: Vec::new(),
+        alone_max: None,
     };
     Host::start_watched(config, watch)
 }

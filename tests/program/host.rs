@@ -44,6 +44,7 @@ impl Front {
             robot: None,
             pace,
             sinks: scenes.sinks().unwrap(),
+            alone_max: None,
         });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), asked: 0 };
@@ -57,7 +58,7 @@ impl Front {
         match &update {
             Update::Events(events) => self.events.extend(events.iter().cloned()),
             Update::Answer { id, reply } => self.answers.push((id.clone(), reply.clone())),
-            Update::Started | Update::Lagged { .. } | Update::Returned(_) => {}
+            Update::Started | Update::Past { .. } | Update::Lagged { .. } | Update::Returned(_) => {}
             Update::Ended(ended) => panic!("the engine ended: {ended:?}"),
         }
         update

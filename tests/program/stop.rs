@@ -115,7 +115,14 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
         &front.carry_out(Command::Stop { by: "bo".to_owned(), reason: "there is a second one".to_owned() }),
     );
     front.until(|kind| matches!(kind, EventKind::CellStopped { by, .. } if by == "bo"));
-    assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
+    let named = |front: &mut Front| {
+        let stopped = front.snapshot().stopped.unwrap();
+        let again =
+            stopped.again.iter().map(|stop| (stop.by.clone(), stop.reason.clone())).collect::<Vec<_>>();
+        (stopped.by, again)
+    };
+    let both = ("ana".to_owned(), vec![("bo".to_owned(), "there is a second one".to_owned())]);
+    assert_eq!(named(&mut front), both);
     let stops = AuditFilter { kind: Some(RecordKind::CellStopped), ..AuditFilter::default() };
     let stops = Views::open(&Layout::new(folder.path()).database()).unwrap().audit(&stops).unwrap();
     assert_eq!(stops.len(), 2, "{stops:?}");
@@ -123,7 +130,7 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
     front.host.stop(PATIENCE).unwrap();
 
     let mut front = Front::start(folder.path(), None);
-    assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
+    assert_eq!(named(&mut front), both, "and so they are after a restart");
     front.submit("grasp-tool-frame");
     // Each answer comes between two slices of work, of which there are none.
     let still = (0..50).map(|_| front.snapshot()).last().unwrap();

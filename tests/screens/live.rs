@@ -113,13 +113,8 @@ fn who_has_the_arm_alarms_stops_and_questions_are_never_frozen() {
             freeze(&mut model);
             told(&mut model, |snapshot| {
                 snapshot.families[2].active = Some(support::id("place@7.7.7"));
-                snapshot.stopped = Some(StoppedView {
-                    by: "grace".to_owned(),
-                    caller: Caller::Script,
-                    reason: String::new(),
-                    since_ms: 760_000,
-                    stood_after_ticks: None,
-                });
+                let stopped = StoppedView::first("grace".to_owned(), Caller::Script, String::new(), 760_000);
+                snapshot.stopped = Some(stopped);
                 snapshot.alarms[0].text = "a new alarm".to_owned();
                 snapshot.questions.clear();
                 snapshot.prompts.clear();

@@ -58,6 +58,11 @@ impl Home {
         std::fs::read_to_string(self.folder.path().join("state/holdpoint/holdpoint.log")).unwrap_or_default()
     }
 
+    /// The log of the engine that a console has started.
+    pub fn engine_log(&self) -> String {
+        std::fs::read_to_string(self.data().join("logs/engine.log")).unwrap_or_default()
+    }
+
     /// The variables of a program in this home.
     fn variables(&self) -> Vec<(&'static str, PathBuf)> {
         let inside = |name: &str| self.folder.path().join(name);

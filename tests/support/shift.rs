@@ -419,6 +419,7 @@ pub fn snapshot() -> Snapshot {
         thresholds: LIMITS,
         observed: ObservedCounts::default(),
         seats: Vec::new(),
+        ends_alone_s: None,
     }
 }
 

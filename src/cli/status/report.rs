@@ -285,6 +285,16 @@ fn stopped_line(stopped: &StoppedView) -> String {
     if !stopped.reason.is_empty() {
         line.push_str(&format!(": {}", stopped.reason));
     }
+    if stopped.unnamed > 0 {
+        line.push_str(&format!(", and {} more times", stopped.unnamed));
+    }
+    for stop in &stopped.again {
+        let by = if stop.by.is_empty() { "somebody" } else { &stop.by };
+        line.push_str(&format!(", and by {by}, {}, {}", stop.caller, clock_time(stop.at_ms)));
+        if !stop.reason.is_empty() {
+            line.push_str(&format!(": {}", stop.reason));
+        }
+    }
     line.push_str("; `holdpoint go` lets it work again");
     line
 }

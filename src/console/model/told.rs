@@ -72,6 +72,44 @@ pub enum EngineLink {
     Attached,
 }
 
+/// A console that lost its engine, or came when another one began, looks for one at work on its store.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Seeking {
+    /// How often it has looked.
+    pub tries: u32,
+    /// How often it will at most.
+    pub tries_max: u32,
+    /// What came of the last look, one sentence.
+    pub said: String,
+}
+
+impl Seeking {
+    /// In words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let Self { tries, tries_max, said } = self;
+        if tries < tries_max {
+            format!("looks for an engine again, {tries} of {tries_max}: {said}")
+        } else {
+            format!("no engine was found in {tries_max} looks: start `holdpoint` anew ({said})")
+        }
+    }
+}
+
+/// A stop that was asked for and that nothing has confirmed yet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StopAsked {
+    /// The newest request of it.
+    pub id: String,
+    /// Console time since when it is asked for, ms.
+    pub since_ms: u64,
+    /// Why the newest request got no answer; absent while one may still come.
+    pub why: Option<String>,
+}
+
+/// How long a stop may be without an answer before that is said, ms: an engine at work answers within a second.
+pub const STOP_ANSWER_MS: u64 = 2_000;
+
 /// A line of the engine's story, sanitised.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoryLine {
@@ -95,9 +133,18 @@ pub struct Listing {
 }
 
 impl Told {
+    /// Whether the engine ends when this console does: its own, or one that ends with the last that sits at it.
+    #[must_use]
+    pub fn ends_with_this(&self) -> bool {
+        let ends_alone = self.snapshot.as_ref().map_or(self.begun, |now| now.ends_alone_s.is_some());
+        self.link == EngineLink::Own || (ends_alone && self.others().next().is_none())
+    }
+
     /// Who else looks at the engine.
     pub fn others(&self) -> impl Iterator<Item = &SeatView> {
-        let seats = self.snapshot.iter().flat_map(|snapshot| &snapshot.seats);
+        // An engine that is gone has no seats, whatever it told last.
+        let shown = self.snapshot.iter().filter(|_| !matches!(self.engine, EngineState::Ended(_)));
+        let seats = shown.flat_map(|snapshot| &snapshot.seats);
         // Before this console knows its own seat, nobody is somebody else.
         seats.filter(|one| self.seat.is_some_and(|own| own != one.seat))
     }
@@ -112,6 +159,16 @@ pub struct Told {
     pub link: EngineLink,
     /// The number of this console's seat at it; absent before it has one.
     pub seat: Option<u64>,
+    /// Whether this console began the engine it is at, in a process of its own.
+    pub begun: bool,
+    /// Process id of an engine in another process; absent if it is this one's.
+    pub process: Option<i32>,
+    /// How the search for an engine goes; absent while one is here.
+    pub seeking: Option<Seeking>,
+    /// A stop that is not confirmed.
+    pub stop_asked: Option<StopAsked>,
+    /// What is added to the number of an event: another engine counts from the start.
+    pub story_base: u64,
     /// The newest picture of how things stand.
     pub snapshot: Option<Arc<Snapshot>>,
     /// Console time it came, ms.

@@ -189,6 +189,9 @@ impl Showing {
             msg::MsgKind::Wheel(_)
             | msg::MsgKind::EngineStarted
             | msg::MsgKind::Events(_)
+            | msg::MsgKind::Past { .. }
+            | msg::MsgKind::Seated(_)
+            | msg::MsgKind::Sought(_)
             | msg::MsgKind::Answer { .. }
             | msg::MsgKind::Lagged(_)
             | msg::MsgKind::Snapshot(_)

@@ -1,9 +1,10 @@
 //! The last line: how things were left, in words that are true.
 
+use holdpoint_engine::door::DoorError;
 use holdpoint_engine::host::EndFault;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint as _, Untrusted};
 
 /// Why the console ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,18 +47,27 @@ pub(super) fn left(
     Left { cause, came_up, in_order, text }
 }
 
-/// How a console left an engine that works on.
-pub(super) fn at_work(cause: Cause) -> Left {
-    let text =
+/// How a console left an engine that works on: `kept` is what that engine said when it was told to go on with nobody, and
+/// `ends_alone_s` for how long it does by itself.
+pub(super) fn at_work(cause: Cause, kept: &Result<(), DoorError>, ends_alone_s: Option<u64>) -> Left {
+    let mut text =
         "left the engine at work; `holdpoint` comes back to it, `holdpoint stop` stops its arm".to_owned();
-    Left { cause, came_up: true, in_order: true, text }
+    if let Some(secs) = ends_alone_s {
+        text.push_str(&format!("; with nobody at it, it ends after {secs} s"));
+    }
+    if let Err(error) = kept {
+        text.push_str(&format!("; it was NOT told to go on with nobody: {}", error.sentence()));
+    }
+    let text = Untrusted::new(text).line().into_string();
+    Left { cause, came_up: true, in_order: kept.is_ok(), text }
 }
 
 /// How a console found the end of an engine in another process.
 pub(super) fn ended_elsewhere(cause: Cause, why: &EndFault) -> Left {
     let text =
         Untrusted::new(format!("the engine that this console was at is gone: {why}")).line().into_string();
-    Left { cause, came_up: true, in_order: false, text }
+    // Whoever ended it knew what they did.
+    Left { cause, came_up: true, in_order: why.orderly, text }
 }
 
 /// What goes on at the next start, one part for each kind.

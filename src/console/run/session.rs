@@ -17,10 +17,10 @@ use super::input;
 use super::pace::{FramePace, Want};
 use super::screen::Screen;
 use crate::effect::Effect;
-use crate::effects::{EffectTarget, Errand, Hands, Outcome, ReadCandidate};
+use crate::effects::{Begun, EffectTarget, Errand, Hands, Outcome, ReadCandidate};
 use crate::frame;
 use crate::look::Look;
-use crate::model::{EngineLink, Model, Overlay, View};
+use crate::model::{EngineLink, Model, Overlay, Seeking, View};
 use crate::msg::{Msg, MsgKind};
 use crate::prompt::OnScreen;
 use crate::terminal::TerminalGuard;
@@ -29,6 +29,7 @@ use crate::theme::Themes;
 use crate::update::update;
 use holdpoint_engine::host::{EndFault, Host, StopError, Update};
 use holdpoint_protocol::command::{Command, Request};
+use holdpoint_text::Hint as _;
 
 /// Time passes this often if nothing else happens.
 const TICK: Duration = Duration::from_millis(500);
@@ -39,8 +40,20 @@ const ENDING_MAX: Duration = Duration::from_secs(3);
 /// What is left of it for the engine's thread, once its time is over.
 const STOP_MAX: Duration = Duration::from_millis(500);
 
+/// How long the process of an engine that ended in good order has to let go of the store.
+const FREE_MAX: Duration = Duration::from_secs(2);
+
 /// Things that are folded in before a frame is looked at again.
 const BATCH_MAX: usize = 256;
+
+/// The first pause between two looks for an engine at work; each is twice as long as the one before.
+const SEEK_FIRST: Duration = Duration::from_millis(500);
+
+/// The longest of these pauses.
+const SEEK_PAUSE_MAX: Duration = Duration::from_secs(15);
+
+/// How often an engine is looked for: a quarter of an hour, and then somebody has to come.
+const SEEK_MAX: u32 = 64;
 
 /// Errands that have something to tell at once.
 const ERRANDS_MAX: usize = 16;
@@ -80,6 +93,21 @@ pub(super) struct Session {
     came_up: bool,
     /// The engine was left at work.
     left: bool,
+    /// It is to go on with nobody.
+    keeps: bool,
+    /// This console has asked it to end.
+    asked_end: bool,
+    /// The search for an engine at work; absent while there is one here.
+    seek: Option<Seek>,
+    /// Tells the session what errands came to.
+    tell: mpsc::Sender<Errand>,
+}
+
+/// A search for an engine at work on the store.
+struct Seek {
+    tries: u32,
+    /// When to look next; absent while somebody looks.
+    due: Option<Instant>,
 }
 
 enum SessionInput {
@@ -105,14 +133,27 @@ impl Session {
     ) -> io::Result<Self> {
         let view = parts.view;
         let mut model = model;
+        let (tell, errands) = mpsc::channel(ERRANDS_MAX);
         let host = match parts.engine {
             EngineAt::Here(config) => Host::start(config),
             EngineAt::Elsewhere(host) => {
                 model.told.link = EngineLink::Attached;
+                model.told.process = host.process();
                 *host
             }
+            EngineAt::Begun(coming, begin) => {
+                model.told.link = EngineLink::Attached;
+                model.told.begun = true;
+                let (sitting, tell) = (model.sitting(), tell.clone());
+                let work = move || {
+                    let begun = begin(sitting).map(Box::new);
+                    // The console may have ended meanwhile; the engine ends then as well, for nobody sits at it.
+                    drop(tell.blocking_send(Errand::Begun(begun)));
+                };
+                std::thread::Builder::new().name("beginning".to_owned()).spawn(work)?;
+                *coming
+            }
         };
-        let (tell, errands) = mpsc::channel(ERRANDS_MAX);
         let Parts { candidates, themes, exports, .. } = parts;
         Ok(Self {
             begun: Instant::now(),
@@ -123,7 +164,7 @@ impl Session {
             guard,
             inputs: input::start()?,
             errands,
-            hands: Hands::new(host, candidates, themes, exports, tell, view),
+            hands: Hands::new(host, candidates, themes, exports, tell.clone(), view),
             operator: parts.operator,
             pace: FramePace::default(),
             leaving: None,
@@ -132,6 +173,10 @@ impl Session {
             ended: None,
             came_up: false,
             left: false,
+            keeps: false,
+            asked_end: false,
+            seek: None,
+            tell,
         })
     }
 
@@ -187,6 +232,8 @@ impl Session {
             SessionInput::Input(None) => self.told_to_end(true),
             SessionInput::Errand(Errand::Told(what)) => self.take(what, Want::Key),
             SessionInput::Errand(Errand::Signed(request)) => self.hand_over(*request),
+            SessionInput::Errand(Errand::Sought(found)) => self.sought(found),
+            SessionInput::Errand(Errand::Begun(begun)) => self.begun(begun),
             SessionInput::Update(Some(told)) => self.engine(told),
             SessionInput::Update(None) => {
                 self.engine(Update::Ended(Err(EndFault::of("its thread is gone"))));
@@ -199,8 +246,11 @@ impl Session {
             }
             SessionInput::Picture => self.picture(),
             SessionInput::Ending(ending) => self.told_to_end(ending == Ending::Gone),
-            SessionInput::Tick => self.take(MsgKind::Tick, Want::Story),
             SessionInput::Frame if self.model.plays() => self.fold_one(MsgKind::Tick),
+            SessionInput::Tick => {
+                self.take(MsgKind::Tick, Want::Story);
+                self.look_for_an_engine();
+            }
             SessionInput::Frame | SessionInput::Late => {}
         }
     }
@@ -236,14 +286,89 @@ impl Session {
             }
             Update::Returned(request) => return self.hand_over(*request),
             Update::Events(events) => MsgKind::Events(events),
+            Update::Past { events, earlier } => MsgKind::Past { events, earlier },
             Update::Answer { id, reply } => MsgKind::Answer { id, reply: Box::new(reply) },
             Update::Lagged { missed } => MsgKind::Lagged(missed),
             Update::Ended(how) => {
                 self.ended = Some(how.clone());
+                // Another engine may be at work there soon, or is already.
+                let elsewhere = self.hands.host.is_attached() || how.as_ref().is_err_and(|why| why.in_use);
+                if elsewhere && self.leaving.is_none() {
+                    self.seek = Some(Seek { tries: 0, due: Some(Instant::now()) });
+                }
                 MsgKind::EngineEnded(how)
             }
         };
         self.take(what, Want::Story);
+    }
+
+    /// The engine that was being started is there, or will not be. What was asked meanwhile goes to it.
+    fn begun(&mut self, begun: Result<Box<Begun>, EndFault>) {
+        let waiting = self.hands.host.take_waiting();
+        match begun {
+            Ok(begun) => {
+                let Begun { host, notice } = *begun;
+                let is_own = !host.is_attached();
+                let process = host.process();
+                self.hands.host = host;
+                if is_own {
+                    self.model.told.link = EngineLink::Own;
+                } else {
+                    self.take(MsgKind::Seated(process), Want::Story);
+                }
+                if let Some(text) = notice {
+                    self.take(MsgKind::Done { text, bad: true }, Want::Story);
+                }
+            }
+            Err(why) => self.engine(Update::Ended(Err(why))),
+        }
+        for request in waiting {
+            self.hand_over(request);
+        }
+    }
+
+    /// Looks for an engine at work on the store, if it is time to: on a thread of its own, for one may be slow to answer.
+    fn look_for_an_engine(&mut self) {
+        let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
+        if seek.tries >= SEEK_MAX || !seek.due.is_some_and(|due| due <= Instant::now()) {
+            return;
+        }
+        seek.tries += 1;
+        seek.due = None;
+        let (tell, sitting) = (self.tell.clone(), self.model.sitting());
+        let layout = self.hands.host.layout().clone();
+        let look = move || {
+            let found = match Host::find(&layout, sitting) {
+                Ok(Some(host)) => Ok(Box::new(host)),
+                Ok(None) => Err("none is at work on this store".to_owned()),
+                Err(error) => Err(error.sentence()),
+            };
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(Errand::Sought(found)));
+        };
+        if let Err(error) = std::thread::Builder::new().name("seeking".to_owned()).spawn(look) {
+            self.sought(Err(format!("cannot start a thread: {error}")));
+        }
+    }
+
+    /// What a look for an engine came to.
+    fn sought(&mut self, found: Result<Box<Host>, String>) {
+        let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
+        match found {
+            Ok(host) => {
+                self.seek = None;
+                self.ended = None;
+                let process = host.process();
+                self.hands.host = *host;
+                self.take(MsgKind::Seated(process), Want::Story);
+            }
+            Err(said) => {
+                let pause = SEEK_FIRST.saturating_mul(1 << seek.tries.min(8)).min(SEEK_PAUSE_MAX);
+                seek.due = Some(Instant::now() + pause);
+                let seeking = Seeking { tries: seek.tries, tries_max: SEEK_MAX, said };
+                self.take(MsgKind::Sought(seeking), Want::Story);
+            }
+        }
     }
 
     /// Seats who was named: at once, so that an early stop is theirs; where their key is not there, once the store is, and
@@ -320,6 +445,10 @@ impl Session {
                 }
                 Ok(Outcome::End) => self.end(),
                 Ok(Outcome::Leave) => self.leave(),
+                Ok(Outcome::Detach) => {
+                    self.keeps = true;
+                    self.leave();
+                }
                 Err(_) => self.told_to_end(true),
             }
         }
@@ -332,13 +461,20 @@ impl Session {
         self.leaving.get_or_insert_with(Instant::now);
     }
 
-    /// Asks the engine to end; the screen stays until it has. One that others began is left at work.
+    /// Asks the engine to end; the screen stays until it has. One that goes on without this console is left at work.
     fn end(&mut self) {
-        if self.model.told.link == EngineLink::Attached {
+        if self.ended.is_some() {
+            self.leaving.get_or_insert_with(Instant::now);
+            return;
+        }
+        // Whoever's terminal is gone may come back to it; if nobody does, it ends by itself.
+        let is_lost = self.cause == Cause::Gone && self.model.told.link == EngineLink::Attached;
+        if is_lost || !self.model.told.ends_with_this() {
             return self.leave();
         }
         if self.leaving.is_none() {
             self.leaving = Some(Instant::now() + ENDING_MAX);
+            self.asked_end = true;
             // A full queue is no reason to wait: the host is stopped in any case.
             drop(self.hands.ask(&self.model, "console-ends".to_owned(), Command::Shutdown));
         }
@@ -384,18 +520,35 @@ impl Session {
 
     /// The engine first, the terminal last.
     fn finish(self) -> Left {
-        let Self { model, hands, screen, terminal, guard, ended, cause, came_up, left, .. } = self;
+        let Self {
+            model, hands, screen, terminal, guard, ended, cause, came_up, left, keeps, asked_end, ..
+        } = self;
+        let attached = hands.host.is_attached();
+        // The engine is asked while nobody waits at the screen any more, and its answer is what is said last.
+        let kept = if keeps { hands.host.keep() } else { Ok(()) };
+        let elsewhere = hands.host.elsewhere();
         let stopped = match hands.host.stop(STOP_MAX) {
             Ok(()) => Some(Ok(())),
             Err(StopError::Failed(why)) => Some(Err(why)),
             Err(StopError::Late(_)) => None,
         };
         let ended = ended.or(stopped);
+        // What this console has asked for is no fault, and it is over when the store is free.
+        let ended = match ended {
+            Some(Err(why)) if why.orderly && asked_end => {
+                elsewhere.wait_for_end(FREE_MAX);
+                Some(Ok(()))
+            }
+            other => other,
+        };
         drop(screen);
         drop(terminal);
         drop(guard);
+        let ends_alone_s = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.ends_alone_s);
         match (&ended, model.told.link) {
-            (Some(Ok(())), _) if left && came_up => return farewell::at_work(cause),
+            (Some(Ok(())), _) if left && came_up && attached => {
+                return farewell::at_work(cause, &kept, ends_alone_s.filter(|_| !keeps));
+            }
             (Some(Err(why)), EngineLink::Attached) if came_up => {
                 return farewell::ended_elsewhere(cause, why);
             }

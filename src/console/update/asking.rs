@@ -2,12 +2,15 @@
 
 use super::{operating, overlays, tell};
 use crate::effect::{Effect, Question};
-use crate::model::{AskedFor, EngineState, Model, PendingRequest, View};
+use crate::model::{AskedFor, EngineState, Model, PendingRequest, StopAsked, View};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_text::Hint as _;
 
 /// Requests without an answer at once; far below the engine's own limit.
 const PENDING_MAX: usize = 32;
+
+/// What a demonstration is called that was asked for.
+pub(super) const DEMO: &str = "submit the next demonstration candidate";
 
 /// A new request's id; absent if too many wait already.
 pub(super) fn request(model: &mut Model, about: AskedFor, what: String) -> Option<String> {
@@ -41,7 +44,10 @@ pub(super) fn stop(model: &mut Model) -> Vec<Effect> {
     };
     tell(model, text, true);
     let question = Question::Stop { by };
-    vec![Effect::Ask { id: noted(model, question.about(), "stop the cell".to_owned()), question }]
+    let id = noted(model, question.about(), "stop the cell".to_owned());
+    let since_ms = model.told.stop_asked.as_ref().map_or(model.now_ms, |asked| asked.since_ms);
+    model.told.stop_asked = Some(StopAsked { id: id.clone(), since_ms, why: None });
+    vec![Effect::Ask { id, question }]
 }
 
 /// Asks something that decides nothing.
@@ -102,10 +108,7 @@ pub(super) fn register(model: &mut Model, folder: Option<String>) -> Vec<Effect>
 
 /// Hands a candidate over, with what was typed to sign for it.
 pub(super) fn submit(model: &mut Model, folder: Option<String>) -> Vec<Effect> {
-    let what = folder.as_deref().map_or_else(
-        || "submit the next demonstration candidate".to_owned(),
-        |folder| format!("submit {folder:?}"),
-    );
+    let what = folder.as_deref().map_or_else(|| DEMO.to_owned(), |folder| format!("submit {folder:?}"));
     let Some(id) = request(model, AskedFor::Registration, what) else { return Vec::new() };
     let passphrase = overlays::leave_form(model, &id);
     vec![Effect::Register { id, folder, passphrase }]

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use super::{asking, operating, overlays, tell, why};
 use crate::effect::{Effect, Question};
-use crate::model::{EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
+use crate::model::{EngineLink, EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
+use holdpoint_engine::host::EndFault;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::record::VersionGroup;
-use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::words;
@@ -19,6 +20,90 @@ pub(super) fn started(model: &mut Model) -> Vec<Effect> {
     let everything = Question::Registry { group: VersionGroup::All, text: String::new() };
     effects.extend(asking::ask(model, String::new(), everything));
     effects
+}
+
+/// The engine is not there any more, or never came up.
+pub(super) fn ended(model: &mut Model, how: Result<(), EndFault>) -> Vec<Effect> {
+    if let Err(why) = &how {
+        let came_up = model.told.engine == EngineState::Running;
+        let what = match (came_up, why.orderly) {
+            (true, true) => "the engine is gone",
+            (true, false) => "the engine ended",
+            (false, _) => "the engine did not come up",
+        };
+        tell(model, format!("{what}: {why}"), !why.orderly);
+    }
+    model.told.seat = None;
+    model.told.engine = EngineState::Ended(how);
+    Vec::new()
+}
+
+/// The console sits down at an engine: where it is stays as it was, what was asked of another engine is not answered any
+/// more, and its story goes on below what the other one told.
+pub(super) fn seated(model: &mut Model, process: Option<i32>) -> Vec<Effect> {
+    let came_back = matches!(model.told.engine, EngineState::Ended(_));
+    let is_same = process.is_some() && model.told.process == process;
+    if let Some(last) = model.told.story.back().filter(|_| !is_same).cloned() {
+        let text = "(the engine that told this is gone; another one tells what follows)".to_owned();
+        model.told.story.push_back(StoryLine { seq: last.seq + 1, text, sequences: 0, ..last });
+        model.told.story_base = last.seq + 2;
+    }
+    model.told.process = process;
+    model.told.link = EngineLink::Attached;
+    model.told.engine = EngineState::Starting;
+    model.told.seeking = None;
+    if came_back {
+        model.asking.pending.clear();
+        model.asking.asked.clear();
+        overlays::unanswered(
+            model,
+            "the engine that was asked is gone; whether it was carried out is not known",
+        );
+        if let Some(asked) = &mut model.told.stop_asked {
+            asked.why = Some("the engine that was asked is gone".to_owned());
+        }
+        tell(model, "an engine is at work on this store again, and this console sits at it", false);
+    }
+    Vec::new()
+}
+
+/// What an engine told before this console came.
+pub(super) fn past(model: &mut Model, events: &[Event], earlier: u64) -> Vec<Effect> {
+    let base = model.told.story_base;
+    let known = model.told.story.back().map(|line| line.seq);
+    if known.is_none_or(|known| known < base)
+        && let Some(first) = events.first()
+    {
+        let text = if earlier == 0 {
+            "(the engine began here)".to_owned()
+        } else {
+            format!("(the story begins here; {earlier} earlier events of this engine are on record alone)")
+        };
+        let seq = base.saturating_add(first.seq);
+        model.told.story.push_back(StoryLine { seq, at_ms: first.at_ms, text, sequences: 0 });
+    }
+    for event in events.iter().filter(|event| known.is_none_or(|known| event.seq + base > known)) {
+        tell_story(model, event);
+    }
+    Vec::new()
+}
+
+/// One line more.
+fn tell_story(model: &mut Model, event: &Event) {
+    let text = words::sentence(event, words::LINE_WIDTH_MAX).into_string();
+    let sequences = u32::from(matches!(event.kind, EventKind::Sequence { .. }));
+    let seq = event.seq.saturating_add(model.told.story_base);
+    let line = StoryLine { seq, at_ms: event.at_ms, text, sequences };
+    // One sequence after the other is one line: what else happens must not be drowned by them.
+    match model.told.story.back_mut() {
+        Some(last) if sequences > 0 && last.sequences > 0 => {
+            *last = StoryLine { sequences: last.sequences.saturating_add(1), ..line };
+        }
+        _ => model.told.story.push_back(line),
+    }
+    if model.told.story.len() > LOG_MAX {
+        model.told.story.pop_front();
+    }
 }
 
 pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
@@ -40,22 +125,10 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
         if !matches!(event.kind, EventKind::Sequence { .. }) {
             model.asking.changes += 1;
         }
-        let text = words::sentence(&event, words::LINE_WIDTH_MAX).into_string();
         if let EventKind::CellReleased { by, .. } = &event.kind {
             released(model, by);
         }
-        let sequences = u32::from(matches!(event.kind, EventKind::Sequence { .. }));
-        let line = StoryLine { seq: event.seq, at_ms: event.at_ms, text, sequences };
-        // One sequence after the other is one line: what else happens must not be drowned by them.
-        match model.told.story.back_mut() {
-            Some(last) if sequences > 0 && last.sequences > 0 => {
-                *last = StoryLine { sequences: last.sequences.saturating_add(1), ..line };
-            }
-            _ => model.told.story.push_back(line),
-        }
-        if model.told.story.len() > LOG_MAX {
-            model.told.story.pop_front();
-        }
+        tell_story(model, &event);
     }
     Vec::new()
 }
@@ -75,7 +148,11 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
         |snapshot: &Snapshot| snapshot.alarm_summary.highest_unacknowledged == Some(Priority::Critical);
     let calls = critical(&snapshot) && !model.told.snapshot.as_deref().is_some_and(critical);
     if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay {
-        prompt.look(&snapshot);
+        prompt.look(&snapshot, model.now_ms);
+    }
+    if snapshot.stopped.is_some() {
+        // That is the answer, whoever gives it.
+        model.told.stop_asked = None;
     }
     model.told.snapshot_ms = model.now_ms;
     model.told.snapshot = Some(snapshot);
@@ -85,10 +162,27 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
     overlays::answered(model, id);
+    stop_answered(model, id, &reply);
     let asked = model.asking.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
     match reply {
         Reply::Accepted { text, .. } => {
             tell(model, text, false);
+            Vec::new()
+        }
+        // Two consoles have the same list before them: the next one of it is as good.
+        Reply::Refused { code: Refusal::Exists, text, .. }
+            if asked == asking::DEMO && !overlays::is_signed(&model.told) =>
+        {
+            let effects = asking::submit(model, None);
+            tell(model, format!("{text}, by somebody else meanwhile: the next one is submitted"), false);
+            effects
+        }
+        Reply::Refused { code: Refusal::Exists, text, .. } if asked == asking::DEMO => {
+            tell(
+                model,
+                format!("{text}, by somebody else meanwhile: `:demo` again takes the next one"),
+                true,
+            );
             Vec::new()
         }
         Reply::Refused { text, hint, .. } => {
@@ -119,5 +213,16 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
             model.told.verified = Some(verified);
             if model.place.view == View::Audit { asking::refresh_now(model) } else { Vec::new() }
         }
+    }
+}
+
+/// What a stop came to. One that no engine has answered is asked for until something confirms it.
+fn stop_answered(model: &mut Model, id: &str, reply: &Reply) {
+    let Some(asked) = model.told.stop_asked.as_mut().filter(|asked| asked.id == id) else { return };
+    match reply {
+        Reply::Refused { code: Refusal::NoAnswer, text, hint } => {
+            asked.why = Some(Problem::from((text.clone(), hint.clone())).sentence());
+        }
+        _ => model.told.stop_asked = None,
     }
 }

@@ -59,26 +59,34 @@ pub(super) fn on_version(model: &mut Model, action: Action) -> Vec<Effect> {
 pub(super) fn go(model: &mut Model) -> Vec<Effect> {
     let stopped = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.clone());
     match stopped {
-        Some(stopped) => open(model, Intent::Go(stopped.since_ms), stop_lines(&stopped)),
+        Some(stopped) => open(model, Intent::Go(stopped.last_ms()), stop_lines(&stopped)),
         None => refuse(model, "the cell is not stopped"),
     }
 }
 
-/// Who stopped the cell, and what letting it work does.
+/// Everybody who stopped the cell, and what letting it work does.
 fn stop_lines(stopped: &StoppedView) -> Vec<String> {
-    let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
-    let why = if stopped.reason.is_empty() { String::new() } else { format!(": {}", stopped.reason) };
-    vec![
-        format!("Stopped by {by}, {}, since {}{why}", stopped.caller, seconds(stopped.since_ms)),
-        "The arm moves again at once; make sure that nobody is in the cell".to_owned(),
-    ]
+    let somebody = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
+    let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
+    let (by, since) = (somebody(&stopped.by), seconds(stopped.since_ms));
+    let mut lines =
+        vec![format!("Stopped by {by}, {}, since {since}{}", stopped.caller, why(&stopped.reason))];
+    if stopped.unnamed > 0 {
+        lines.push(format!("and {} more times, by whom the record says", stopped.unnamed));
+    }
+    lines.extend(stopped.again.iter().map(|stop| {
+        let (by, at) = (somebody(&stop.by), seconds(stop.at_ms));
+        format!("and by {by}, {}, at {at}{}", stop.caller, why(&stop.reason))
+    }));
+    lines.push("The arm moves again at once; make sure that nobody is in the cell".to_owned());
+    lines
 }
 
 /// Holds the open form against how things stand: what it says follows them. What is no more possible, or would now be
-/// something else, closes it with a word.
+/// something else, makes it void with a word: it stays open, for what is being typed must not become keys.
 pub(super) fn follow(model: &mut Model) {
     let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
-    if form.signing.as_ref().is_some_and(|signing| signing.asked.is_some()) {
+    if form.void.is_some() || form.signing.as_ref().is_some_and(|signing| signing.asked.is_some()) {
         // It was asked for as it stood; the engine's answer closes it.
         return;
     }
@@ -88,12 +96,17 @@ pub(super) fn follow(model: &mut Model) {
                 form.follow(consequences);
             }
         }
-        Err(why) => {
-            let text = format!("not asked: {}: {why}", form.intent.title());
-            model.entry.overlay = None;
-            tell(model, text, true);
-        }
+        Err(why) => make_void(model, why),
     }
+}
+
+/// The open form is for nothing any more.
+fn make_void(model: &mut Model, why: String) {
+    let now_ms = model.now_ms;
+    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return };
+    let text = format!("not asked: {}: {why}", form.intent.title());
+    form.make_void(why, now_ms);
+    tell(model, text, true);
 }
 
 /// What a form says now, or why it is not for what it was opened for any more.
@@ -135,10 +148,13 @@ fn register_lines() -> Vec<String> {
     vec!["It is taken in and evaluated beside what is active; nothing of it acts before its gate".to_owned()]
 }
 
-fn still_stopped(model: &Model, since_ms: u64) -> Result<Vec<String>, String> {
+fn still_stopped(model: &Model, last_ms: u64) -> Result<Vec<String>, String> {
     match model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
         None => Err("somebody has let it work already".to_owned()),
-        Some(stopped) if stopped.since_ms != since_ms => Err(stopped_anew(&stopped.by, stopped.since_ms)),
+        Some(stopped) if stopped.last_ms() != last_ms => {
+            let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
+            Err(stopped_anew(by, stopped.last_ms()))
+        }
         Some(stopped) => Ok(stop_lines(stopped)),
     }
 }
@@ -146,10 +162,15 @@ fn still_stopped(model: &Model, since_ms: u64) -> Result<Vec<String>, String> {
 /// Somebody stopped the cell while it was stopped already: whoever is about to let it work has to know.
 pub(super) fn stopped_again(model: &mut Model, by: &str, at_ms: u64) {
     let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
-    if matches!(form.intent, Intent::Go(since_ms) if since_ms != at_ms) {
-        let title = form.intent.title();
-        model.entry.overlay = None;
-        tell(model, format!("not asked: {title}: {}", stopped_anew(by, at_ms)), true);
+    // One from before the last that was read is told late.
+    if !matches!(form.intent, Intent::Go(last_ms) if at_ms > last_ms) {
+        return;
+    }
+    let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
+    if is_asked {
+        tell(model, format!("{}; what you asked is on its way already", stopped_anew(by, at_ms)), true);
+    } else if form.void.is_none() {
+        make_void(model, stopped_anew(by, at_ms));
     }
 }
 
@@ -465,7 +486,7 @@ pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
         model.place.view = View::Overview;
         return Vec::new();
     }
-    if model.told.link == EngineLink::Attached {
+    if !model.told.ends_with_this() {
         return vec![Effect::Leave];
     }
     let lines = quit_lines(model);
@@ -475,11 +496,15 @@ pub(super) fn quit(model: &mut Model) -> Vec<Effect> {
 /// Ends the console alone, where the engine can do without it.
 pub(super) fn detach(model: &mut Model) -> Vec<Effect> {
     if model.told.link == EngineLink::Own {
-        let text = "this engine lives in this console and ends with it; `holdpoint serve` starts one that can be left";
+        let text =
+            "this engine lives in this console and ends with it; without `--in-process` it can be left";
         tell(model, text.to_owned(), true);
         return Vec::new();
     }
-    vec![Effect::Leave]
+    if model.told.engine == EngineState::Starting {
+        return refuse(model, "the engine is being started: wait a moment");
+    }
+    vec![Effect::Detach]
 }
 
 /// What the engine does when the program ends.
@@ -488,6 +513,9 @@ fn quit_lines(model: &Model) -> Vec<String> {
     let others = model.told.others().count();
     if others > 0 {
         lines.push(format!("{others} more at this engine lose it"));
+    }
+    if model.told.link == EngineLink::Attached {
+        lines.push("You are the last one here; `:detach` leaves it at work with nobody".to_owned());
     }
     for candidate in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
         if let Some(progress) = &candidate.progress {

@@ -40,8 +40,20 @@ pub(super) fn palette_key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
 /// Keys in an approval prompt. Enter and Esc never decide; a key that decides is refused while anything stands
 /// against it, with the reason on the screen.
 pub(super) fn prompt_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
+    let now_ms = model.now_ms;
     let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay else { return Vec::new() };
     prompt.refused = None;
+    if let Some(cut_off) = &mut prompt.cut_off {
+        // Whatever was being typed goes nowhere; only a key of its own closes what is left to read.
+        let may_close = cut_off.key(now_ms);
+        match key.code {
+            KeyCode::Esc | KeyCode::Enter if may_close => close_held(model),
+            KeyCode::PageUp => prompt.scroll_by(false, true),
+            KeyCode::PageDown => prompt.scroll_by(true, true),
+            _ => prompt.refused = Some(Obstacle::Closed),
+        }
+        return Vec::new();
+    }
     if let Some(signing) = &prompt.signing {
         if let Some(action) = stops_meanwhile(signing, action) {
             return act(model, action);
@@ -184,6 +196,23 @@ pub(super) fn unsigned(model: &mut Model, id: &str, text: String) {
     tell(model, text, true);
 }
 
+/// What was handed over is answered by nobody any more: the question or form stays, and says so.
+pub(super) fn unanswered(model: &mut Model, why: &str) {
+    match &mut model.entry.overlay {
+        Some(Overlay::Prompt(prompt)) => {
+            if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.is_checked()) {
+                signing.failed(why.to_owned());
+            }
+        }
+        Some(Overlay::Form(form)) => {
+            if let Some(signing) = form.signing.as_mut().filter(|signing| signing.is_checked()) {
+                signing.failed(why.to_owned());
+            }
+        }
+        Some(Overlay::Palette(_)) | None => {}
+    }
+}
+
 /// The engine answered: a prompt or a form that waited for it is done with.
 pub(super) fn answered(model: &mut Model, id: &str) {
     let waited = match &model.entry.overlay {
@@ -213,7 +242,19 @@ fn close_held(model: &mut Model) {
 }
 
 pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>) -> Vec<Effect> {
+    let now_ms = model.now_ms;
     let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
+    let one_key = form.is_one_key();
+    if let Some(void) = &mut form.void {
+        let may_close = void.key(now_ms);
+        match (key.code, action) {
+            (KeyCode::Esc | KeyCode::Enter, _) if may_close => model.entry.overlay = None,
+            // Nothing is typed into one that is confirmed by a key.
+            (_, Some(action @ (Action::Abort | Action::Stop))) if one_key => return act(model, action),
+            _ => {}
+        }
+        return Vec::new();
+    }
     if let Some(signing) = &mut form.signing {
         if let Some(action) = stops_meanwhile(signing, action) {
             return act(model, action);
@@ -226,7 +267,6 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
         }
         return Vec::new();
     }
-    let one_key = form.is_one_key();
     match key.code {
         KeyCode::Esc => model.entry.overlay = None,
         KeyCode::Tab => form.step(true),
@@ -254,6 +294,9 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
 
 fn confirm(model: &mut Model) -> Vec<Effect> {
     let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return Vec::new() };
+    if form.void.is_some() {
+        return Vec::new();
+    }
     // Keys that were typed for something else arrive in a burst.
     if form.is_one_key() && form.signing.is_none() && form.is_guarded(model.now_ms) {
         form.problem = Some("that key did nothing: wait a moment, then press it again".to_owned());

@@ -26,6 +26,7 @@ use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
 mod aim;
 mod alone;
 mod following;
+mod gone;
 mod reading;
 mod seats;
 mod signing;

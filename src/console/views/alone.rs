@@ -25,6 +25,9 @@ pub fn draw(model: &Model, absence: Absence, pen: &mut Pen<'_>, area: Rect) {
         rest = below(rest, taken);
     };
     say(ThemeRole::Problem, why);
+    if let Some(seeking) = &model.told.seeking {
+        say(ThemeRole::Stale, &seeking.words());
+    }
     say(ThemeRole::Text, "");
     say(ThemeRole::Title, "What works from here:");
     let keys = |action| model.keymap.keys(action).join(" or ");

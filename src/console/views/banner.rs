@@ -70,7 +70,17 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         EngineState::Ended(Err(why)) if why.in_use => {
             say(ThemeRole::Problem, "NO ENGINE HERE: another one holds the store");
         }
-        EngineState::Ended(Err(why)) => say(ThemeRole::Problem, &format!("ENGINE ENDED {why}")),
+        EngineState::Ended(Err(why)) if why.orderly => say(ThemeRole::Stale, &format!("ENGINE ENDED: {why}")),
+        EngineState::Ended(Err(why)) => say(ThemeRole::Problem, &format!("ENGINE GONE: {why}")),
+    }
+    if let Some(seeking) = &model.told.seeking {
+        let (tries, tries_max) = (seeking.tries, seeking.tries_max);
+        let text = if tries < tries_max {
+            format!("looks again {tries}/{tries_max}")
+        } else {
+            "no more looks".to_owned()
+        };
+        say(ThemeRole::Stale, &text);
     }
     if let Some(reading) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.reading) {
         say(ThemeRole::Stale, &format!("NOT VERIFIED YET {} of {} records", reading.read, reading.of));

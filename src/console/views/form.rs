@@ -50,7 +50,26 @@ fn body(form: &Form, width: usize) -> Vec<Row> {
     rows
 }
 
+/// What is left of a form that is for nothing any more: why, what was typed, and the way out.
+fn void_foot(form: &Form, why: &str, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let text = format!("{} NOT ASKED, and no longer possible: {why}", pen.look.glyph(Glyph::Warning));
+    let mut rows: Vec<Row> =
+        wrap(&text, width, 3).iter().map(|line| Row::of(ThemeRole::Problem, line)).collect();
+    if !form.reason.text().is_empty() {
+        let typed = Row::new().cell(ThemeRole::Muted, "Typed", 9);
+        rows.push(typed.and(field(pen, &form.reason, width.saturating_sub(9), false)));
+    }
+    rows.push(
+        Row::of(ThemeRole::Key, "Esc")
+            .with(ThemeRole::Text, " closes this, a moment after the last key; other keys do nothing here"),
+    );
+    rows
+}
+
 fn foot(model: &Model, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    if let Some(void) = &form.void {
+        return void_foot(form, &void.why, pen, width);
+    }
     let mut rows = Vec::new();
     let label = |text: &str| Row::new().cell(ThemeRole::Muted, text, 9);
     let focuses = form.focuses();

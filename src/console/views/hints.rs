@@ -11,11 +11,14 @@ use crate::form::FormFocus;
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{EngineLink, Model, Notice, Overlay, Typing, View};
 use crate::prompt::Focus;
-use crate::widgets::pen::Pen;
+use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, wrap};
 
 /// The most lines of an answer.
 const NOTICE_ROWS: u16 = 8;
+
+/// The most lines of a stop that is not confirmed.
+const OVERDUE_ROWS: usize = 4;
 
 /// How many lines stand at the foot of a screen: an answer is shown whole, whatever it takes of a third of the screen,
 /// or of half of a small one.
@@ -24,10 +27,19 @@ pub fn height(model: &Model, screen: Rect) -> u16 {
     let told = model.notice.as_ref().filter(|_| model.entry.typing.is_none());
     let share = if screen.height < 16 { 2 } else { 3 };
     let rows_max = (screen.height / share).clamp(1, NOTICE_ROWS);
-    told.map_or(1, |notice| {
+    let rows = told.map_or(1, |notice| {
         let lines = notice_lines(model, notice, usize::from(screen.width), usize::from(rows_max));
         u16::try_from(lines.len()).unwrap_or(rows_max).max(1)
-    })
+    });
+    // A stop that is not confirmed comes before everything else that is said here.
+    let overdue = u16::try_from(overdue(model, screen.width).len()).unwrap_or(rows_max);
+    if overdue == 0 { rows } else { (rows + overdue).min((screen.height / 2).max(1)) }
+}
+
+/// The stop that nobody has confirmed, in lines; none while there is no such.
+fn overdue(model: &Model, width: u16) -> Vec<String> {
+    let room = usize::from(width).saturating_sub(2);
+    model.stop_overdue().map_or_else(Vec::new, |text| wrap(&text, room, OVERDUE_ROWS))
 }
 
 /// An answer in lines that leave room for the key that stops; where even so many do not hold it, the last one says so.
@@ -44,6 +56,18 @@ fn notice_lines(model: &Model, notice: &Notice, width: usize, rows_max: usize) -
 }
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let overdue = overdue(model, area.width);
+    let lead = |at: usize| if at == 0 { pen.look.glyph(Glyph::Warning) } else { " " };
+    let rows: Vec<Row> = overdue
+        .iter()
+        .enumerate()
+        .map(|(at, line)| Row::of(ThemeRole::Problem, &format!("{} {line}", lead(at))))
+        .collect();
+    let taken = pen.rows(area, 0, &rows);
+    let area = below(area, taken);
+    if area.height == 0 {
+        return;
+    }
     let width = usize::from(area.width);
     // Whatever else is said here, how the arm is stopped stands beside it.
     let stop = stop(model);
@@ -89,9 +113,13 @@ pub fn stop(model: &Model) -> Row {
     let types = model.entry.typing.is_some()
         || match &model.entry.overlay {
             Some(Overlay::Palette(_)) => true,
-            Some(Overlay::Prompt(prompt)) => prompt.focus != Focus::Hold || prompt.signing.is_some(),
+            Some(Overlay::Prompt(prompt)) => {
+                prompt.focus != Focus::Hold || prompt.signing.is_some() || prompt.cut_off.is_some()
+            }
             Some(Overlay::Form(form)) => {
-                matches!(form.focus, FormFocus::Minutes | FormFocus::Reason) || form.signing.is_some()
+                (form.void.is_some() && !form.is_one_key())
+                    || matches!(form.focus, FormFocus::Minutes | FormFocus::Reason)
+                    || form.signing.is_some()
             }
             Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
         };
@@ -164,7 +192,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (Some(Overlay::Prompt(prompt)), _) if prompt.closed => &[A::PageDown, A::Back],
         (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
         (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
-        (Some(Overlay::Form(form)), _) if form.is_one_key() => &[A::Back],
+        (Some(Overlay::Form(form)), _) if form.is_one_key() || form.void.is_some() => &[A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
         (Some(Overlay::Why(_) | Overlay::Film(_)), _) => &[A::Back],
         (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
@@ -242,7 +270,8 @@ fn label(model: &Model, action: Action) -> String {
         (Action::ResetAlarm, _, _) => "reset",
         (Action::Pause, _, _) => "hold",
         (Action::Resume, _, _) => "let go on",
-        (Action::Quit, None, View::Overview) if model.told.link == EngineLink::Attached => "leave",
+        (Action::Quit, None, View::Overview) if !model.told.ends_with_this() => "leave it on",
+        (Action::Quit, None, View::Overview) if model.told.link == EngineLink::Attached => "end engine",
         (Action::Quit, None, View::Overview) => "quit",
         (Action::Quit, _, _) => "back",
         (other, _, _) => return other.word().replace('-', " "),

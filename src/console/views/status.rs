@@ -64,12 +64,20 @@ pub fn priority_words(look: &Look, priority: Priority) -> String {
     format!("{number}{} {}", look.glyph(mark.glyph), mark.word)
 }
 
-/// Who stopped the cell and since when; it comes before every alarm.
+/// Who stopped the cell and since when, and who did so last; it comes before every alarm.
 #[must_use]
 pub fn stopped(snapshot: &Snapshot) -> Option<Row> {
     let stopped = snapshot.stopped.as_ref()?;
-    let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
-    let text = format!("STOPPED by {} since {}", super::short(by, 16), seconds(stopped.since_ms));
+    let by = |by: &str| super::short(if by.is_empty() { "somebody" } else { by }, 16);
+    let text = match stopped.again.last() {
+        None => format!("STOPPED by {} since {}", by(&stopped.by), seconds(stopped.since_ms)),
+        Some(last) => {
+            let between = stopped.unnamed + stopped.again.len() as u64 - 1;
+            let more = if between > 0 { format!(" and {between} more") } else { String::new() };
+            let (first, again) = (seconds(stopped.since_ms), seconds(last.at_ms));
+            format!("STOPPED by {} {first}, {} {again}{more}", by(&stopped.by), by(&last.by))
+        }
+    };
     Some(Row::of(ThemeRole::Problem, &text).with(ThemeRole::Text, " "))
 }
 

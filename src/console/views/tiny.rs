@@ -61,7 +61,8 @@ fn summary(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
 }
 
 fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    if model.entry.typing.is_some() || model.notice.is_some() || model.entry.overlay.is_some() {
+    let speaks = model.notice.is_some() || model.stop_overdue().is_some();
+    if model.entry.typing.is_some() || speaks || model.entry.overlay.is_some() {
         hints::draw(model, pen, area);
         return;
     }

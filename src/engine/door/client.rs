@@ -1,6 +1,7 @@
 //! The other side of the door, for verbs and consoles: synchronous, every wait bounded.
 
 use std::io::{self, BufRead, BufReader, Read as _, Write as _};
+use std::net::SocketAddr;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -51,6 +52,15 @@ pub enum Shown {
     Missed(u64),
     Snapshot(Box<Snapshot>),
     Picture(Box<Picture>),
+    /// What happened before, oldest first, and how many events came before that. Told once, at the start.
+    Past {
+        events: Vec<Event>,
+        earlier: u64,
+    },
+    /// The engine ends in good order: who ended it. Nothing comes after it.
+    Ended {
+        by: String,
+    },
 }
 
 /// What a subscriber is told.
@@ -176,6 +186,32 @@ impl Client {
         }
     }
 
+    /// Has the engine go on when nobody sits at it any more.
+    ///
+    /// # Errors
+    /// As [`Client::ask`].
+    pub fn keep(&mut self) -> Result<(), DoorError> {
+        self.lines.send(&Call::Keep {})?;
+        match self.lines.expect(HELLO_SECS)? {
+            Answer::Kept => Ok(()),
+            Answer::Closed { text } => Err(self.lines.closed(text)),
+            _ => Err(self.lines.protocol("that is no answer to it".to_owned())),
+        }
+    }
+
+    /// Has the live scene served at an address. Tells whether there is somebody who draws it.
+    ///
+    /// # Errors
+    /// As [`Client::ask`].
+    pub fn serve_scene(&mut self, address: SocketAddr) -> Result<bool, DoorError> {
+        self.lines.send(&Call::Scene { address })?;
+        match self.lines.expect(HELLO_SECS)? {
+            Answer::Scene { served } => Ok(served),
+            Answer::Closed { text } => Err(self.lines.closed(text)),
+            _ => Err(self.lines.protocol("that is no answer to it".to_owned())),
+        }
+    }
+
     /// Turns the connection into a seat.
     ///
     /// # Errors
@@ -226,6 +262,12 @@ impl Attachment {
         self.seat
     }
 
+    /// Process id of the engine.
+    #[must_use]
+    pub const fn process(&self) -> i32 {
+        self.lines.process
+    }
+
     /// What is shown next; `None` if nothing was within `at_most`.
     ///
     /// # Errors
@@ -237,9 +279,16 @@ impl Attachment {
             Some(Answer::Lagged { missed }) => Some(Shown::Missed(missed)),
             Some(Answer::Snapshot { snapshot }) => Some(Shown::Snapshot(snapshot)),
             Some(Answer::Picture { picture }) => Some(Shown::Picture(picture)),
+            Some(Answer::Past { events, earlier }) => Some(Shown::Past { events, earlier }),
+            Some(Answer::Ended { by }) => Some(Shown::Ended { by }),
             Some(Answer::Closed { text }) => return Err(self.lines.closed(text)),
             Some(
-                Answer::Hello { .. } | Answer::Reply { .. } | Answer::Subscribed | Answer::Attached { .. },
+                Answer::Hello { .. }
+                | Answer::Reply { .. }
+                | Answer::Subscribed
+                | Answer::Attached { .. }
+                | Answer::Kept
+                | Answer::Scene { .. },
             ) => {
                 return Err(self.lines.protocol("nothing of that is for a seat".to_owned()));
             }

@@ -1,9 +1,9 @@
 //! The socket's thread: accepts, checks who it is, reads calls, writes answers.
 
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -16,11 +16,11 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, timeout};
 use tokio_util::sync::CancellationToken;
 
-use super::attended::Shown;
+use super::attended::{Past, Shown};
 use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
 use super::seats::Seats;
 use super::socket::{BoundSocket, SocketPlace};
-use super::{Incoming, Signals};
+use super::{Incoming, Scenes, Signals};
 use crate::caller;
 use crate::world::switch::{AskedStop, Switch};
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply};
@@ -59,6 +59,8 @@ pub(super) struct DoorServer {
     pub(super) classes: Classes,
     pub(super) seats: Arc<Seats>,
     pub(super) shown: Arc<Shown>,
+    pub(super) past: Arc<Mutex<Past>>,
+    pub(super) scenes: Scenes,
 }
 
 impl DoorServer {
@@ -71,6 +73,7 @@ impl DoorServer {
                     let (server, mut signal) = (self.clone(), signal(kind)?);
                     runtime.spawn(async move {
                         while signal.recv().await.is_some() {
+                            server.seats.note_ending(|| "a signal to its process".to_owned());
                             if server.endings.fetch_add(1, Ordering::AcqRel) > 0 {
                                 server.cancel.store(true, Ordering::Release);
                             }
@@ -164,6 +167,14 @@ impl DoorServer {
                         _ => self.tell(reader, writer).await,
                     };
                 }
+                Read::Call(Call::Keep {}) => {
+                    self.seats.keep();
+                    write(&mut writer, &Answer::Kept).await?;
+                }
+                Read::Call(Call::Scene { address }) => {
+                    let served = self.scenes.get().is_some_and(|serve| serve(address));
+                    write(&mut writer, &Answer::Scene { served }).await?;
+                }
                 Read::Call(Call::Sit { .. }) => {
                     let text = "nobody sits here: `attach` comes first".to_owned();
                     return write(&mut writer, &Answer::Closed { text }).await;
@@ -216,7 +227,7 @@ impl DoorServer {
         write(&mut writer, &Answer::Subscribed).await?;
         loop {
             let told = tokio::select! {
-                () = self.stop.cancelled() => return self.rest(events, writer).await,
+                () = self.stop.cancelled() => return self.rest(events, &mut writer).await,
                 // The end of the client, or something it must not say here.
                 _ = reader.fill_buf() => return Ok(()),
                 told = events.recv() => told,
@@ -240,7 +251,7 @@ impl DoorServer {
     pub(super) async fn rest(
         &self,
         mut events: broadcast::Receiver<Arc<str>>,
-        mut writer: OwnedWriteHalf,
+        writer: &mut OwnedWriteHalf,
     ) -> io::Result<()> {
         let tell = async {
             loop {

@@ -8,11 +8,12 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
+use super::elsewhere::code;
 use super::update::{EndFault, OUTSTANDING_MAX, Update};
 use super::{NotTaken, take_place};
 use crate::door::{Attachment, Client, DoorError, Sayer, Shown};
 use holdpoint_approvals::Nonce;
-use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
+use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::seat::Sitting;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -35,6 +36,7 @@ pub(super) struct Attached {
     /// What makes this seat's ids its own: every console counts from the same number.
     own: Nonce,
     seat: u64,
+    process: i32,
     sitting: Sitting,
     sayer: Sayer,
 }
@@ -48,7 +50,7 @@ impl Attached {
         shows: Shows,
     ) -> Result<Self, DoorError> {
         let attachment = client.attach(sitting.clone())?;
-        let (seat, sayer) = (attachment.seat(), attachment.sayer()?);
+        let (seat, process, sayer) = (attachment.seat(), attachment.process(), attachment.sayer()?);
         let (requests, asked) = sync_channel(OUTSTANDING_MAX);
         let outstanding = Arc::new(AtomicUsize::new(0));
         let told = shows.0.clone();
@@ -62,7 +64,12 @@ impl Attached {
         thread("attached-asker")
             .spawn(move || pass_on((&folder, &of), &asked, &answers, &places))
             .map_err(failed)?;
-        Ok(Self { layout: layout.clone(), requests, outstanding, told, own, seat, sitting, sayer })
+        Ok(Self { layout: layout.clone(), requests, outstanding, told, own, seat, process, sitting, sayer })
+    }
+
+    /// Process id of the engine.
+    pub(super) const fn process(&self) -> i32 {
+        self.process
     }
 
     /// Says what is looked at, if it is something else than before. Gives back the number of the seat.
@@ -141,6 +148,12 @@ fn read(mut attachment: Attachment, (told, snapshots, pictures): &Shows) {
                 pictures.send_replace(Some(Arc::from(picture)));
                 continue;
             }
+            Shown::Past { events, earlier } => Update::Past { events, earlier },
+            Shown::Ended { by } => {
+                let text = format!("it ended in good order: {by} ended it");
+                drop(told.blocking_send(Update::Ended(Err(EndFault::orderly(text)))));
+                return;
+            }
         };
         if told.blocking_send(update).is_err() {
             return;
@@ -170,7 +183,7 @@ fn answer(
 ) {
     let id = request.id.clone();
     let sent = Request { id: format!("{}-{id}", own.as_str()), ..request };
-    let reply = ask(client, layout, sent).unwrap_or_else(|error| Reply::refused(Refusal::NotNow, &error));
+    let reply = ask(client, layout, sent).unwrap_or_else(|error| Reply::refused(code(&error), &error));
     if let Some(places) = places {
         give_place_back(places);
     }

@@ -1,9 +1,14 @@
 //! The engine in another process, which is at work on the store while this process has none: asked over the store's socket.
 
+use std::time::{Duration, Instant};
+
 use crate::door::{Client, DoorError, socket_path};
 use holdpoint_protocol::command::{Command, Refusal, Reply};
-use holdpoint_registry::Layout;
+use holdpoint_registry::{Layout, lock_owner};
 use holdpoint_text::Problem;
+
+/// How often it is looked whether a store is free.
+const END_LOOK: Duration = Duration::from_millis(20);
 
 /// Whatever engine is at work on a store.
 #[derive(Clone, Debug)]
@@ -16,6 +21,14 @@ impl EngineElsewhere {
         Self { layout }
     }
 
+    /// Waits, but not for longer than this, until no process has the store: whoever starts an engine then finds it free.
+    pub fn wait_for_end(&self, patience: Duration) {
+        let until = Instant::now() + patience;
+        while Instant::now() < until && matches!(lock_owner(&self.layout), Ok(Some(_))) {
+            std::thread::sleep(END_LOOK);
+        }
+    }
+
     /// Asks it, and tells what it answered, or that there is none. Waits for the answer.
     #[must_use]
     pub fn ask(&self, command: Command) -> Reply {
@@ -23,11 +36,11 @@ impl EngineElsewhere {
         match client.and_then(|client| client.map(|mut it| it.ask(command)).transpose()) {
             Ok(Some(reply)) => said(reply),
             Ok(None) => {
-                if let Ok(Some(owner)) = holdpoint_registry::lock_owner(&self.layout) {
+                if let Ok(Some(owner)) = lock_owner(&self.layout) {
                     let path = socket_path(&self.layout);
                     let text = format!("the store is in use by {owner}, and nobody answers at {path:?}");
                     let hint = "ask again in a second: an engine listens there anew; if it does not, end that process with `kill`";
-                    return Reply::refused(Refusal::NotNow, &Problem::new(text).with_hint(hint));
+                    return Reply::refused(Refusal::NoAnswer, &Problem::new(text).with_hint(hint));
                 }
                 let hint = "`holdpoint stop` in a shell keeps the next one stopped";
                 let problem = Problem::new("no engine is at work on this store").with_hint(hint);
@@ -48,9 +61,10 @@ fn said(reply: Reply) -> Reply {
     }
 }
 
-const fn code(error: &DoorError) -> Refusal {
+/// What became of a request that no engine answered.
+pub(super) const fn code(error: &DoorError) -> Refusal {
     match error {
-        DoorError::NoAnswer { .. } | DoorError::Silent { .. } | DoorError::Ended { .. } => Refusal::NotNow,
+        DoorError::NoAnswer { .. } | DoorError::Silent { .. } | DoorError::Ended { .. } => Refusal::NoAnswer,
         DoorError::PathTooLong { .. }
         | DoorError::Taken { .. }
         | DoorError::Io { .. }

@@ -51,6 +51,11 @@ impl Publisher {
         self.seats = seats;
     }
 
+    /// Who looks at the engine.
+    pub(super) fn seats(&self) -> Arc<Seats> {
+        Arc::clone(&self.seats)
+    }
+
     /// Something changed, so that a snapshot is due.
     pub(super) const fn note_change(&mut self) {
         self.changed = true;
@@ -118,7 +123,8 @@ impl Publisher {
         let due = self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY);
         let old = self.published.is_some_and(|published| published.elapsed() >= SNAPSHOT_AT_LEAST);
         if old || (self.changed && due) {
-            let snapshot = Snapshot { seats: self.seats.views(), ..engine.snapshot() };
+            let mut snapshot = engine.snapshot();
+            self.seats.show_in(&mut snapshot);
             self.snapshot.send_replace(Some(Arc::new(snapshot)));
             self.changed = false;
             self.published = Some(Instant::now());
@@ -183,7 +189,7 @@ mod tests {
                     Update::Events(some) => events += some.len() as u64,
                     Update::Answer { .. } => answers += 1,
                     Update::Lagged { missed: some } => missed += some,
-                    Update::Started | Update::Returned(_) | Update::Ended(_) => {}
+                    Update::Started | Update::Past { .. } | Update::Returned(_) | Update::Ended(_) => {}
                 }
             }
             publisher.flush();

@@ -42,6 +42,7 @@ impl<'a> Serving<'a> {
         loop {
             let lost = self.requests(next.take(), publisher);
             if (lost || publisher.is_lost()) && !self.pump.engine().has_ended() {
+                publisher.seats().note_ending(|| "the console that it was started with is gone".to_owned());
                 guarded(&mut self.pump, "an end", |pump| {
                     pump.submit(Request::unsigned("front-end-lost".to_owned(), Command::Shutdown));
                 });
@@ -49,6 +50,13 @@ impl<'a> Serving<'a> {
                     // Even the end failed: what is on disk is whole, and nothing more is begun.
                     return;
                 }
+            }
+            if let Some(alone) = publisher.seats().left_alone().filter(|_| !self.pump.engine().has_ended()) {
+                let secs = alone.as_secs();
+                publisher.seats().note_ending(|| format!("itself, for nobody had sat at it for {secs} s,"));
+                guarded(&mut self.pump, "an end", |pump| {
+                    pump.submit(Request::unsigned("nobody-sits".to_owned(), Command::Shutdown));
+                });
             }
             let progress = self.turn(publisher);
             self.answer_waiting(publisher);
@@ -111,6 +119,13 @@ impl<'a> Serving<'a> {
                 },
             };
             let id = request.id.clone();
+            if matches!(request.command, Command::Shutdown) {
+                let seats = publisher.seats();
+                seats.note_ending(|| {
+                    let who = seats.named(std::process::id());
+                    who.unwrap_or_else(|| "whoever started it".to_owned())
+                });
+            }
             let mut reply = None;
             let mut done = false;
             guarded(&mut self.pump, "a request", |pump| {

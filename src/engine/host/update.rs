@@ -20,20 +20,34 @@ pub struct EndFault {
     pub text: String,
     /// Whether another engine holds the store: that one is at work.
     pub in_use: bool,
+    /// Whether it ended in good order, by somebody else's hand.
+    pub orderly: bool,
 }
 
 impl EndFault {
     /// One that says nothing of another engine.
     #[must_use]
     pub fn of(text: impl Into<String>) -> Self {
-        Self { text: text.into(), in_use: false }
+        Self { text: text.into(), in_use: false, orderly: false }
+    }
+
+    /// Not a fault: an engine that somebody else ended in good order.
+    #[must_use]
+    pub fn orderly(text: impl Into<String>) -> Self {
+        Self { orderly: true, ..Self::of(text) }
+    }
+
+    /// There is one at work already.
+    #[must_use]
+    pub fn in_use(text: impl Into<String>) -> Self {
+        Self { in_use: true, ..Self::of(text) }
     }
 }
 
 impl From<StartError> for EndFault {
     fn from(error: StartError) -> Self {
         let in_use = matches!(&error, StartError::Store(StoreError::InUse { .. }));
-        Self { text: error.sentence(), in_use }
+        Self { in_use, ..Self::of(error.sentence()) }
     }
 }
 
@@ -44,6 +58,8 @@ pub enum Update {
     Started,
     /// What happened, in order.
     Events(Vec<Event>),
+    /// What happened before this front end came, oldest first, and how many events came before that.
+    Past { events: Vec<Event>, earlier: u64 },
     /// The answer to a request.
     Answer { id: String, reply: Reply },
     /// The front end was too slow: so many events were not told.

@@ -101,6 +101,7 @@ impl SnapshotView<'_> {
             thresholds: self.context.thresholds(),
             observed: self.record.observed(),
             seats: Vec::new(),
+            ends_alone_s: None,
         }
     }
 

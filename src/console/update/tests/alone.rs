@@ -13,7 +13,7 @@ fn second() -> TestConsole {
     let mut console = TestConsole::new(2);
     console.model.told = crate::model::Told::default();
     console.model.asking = crate::model::Asking::default();
-    console.ended(EndFault { text: IN_USE.to_owned(), in_use: true });
+    console.ended(EndFault::in_use(IN_USE));
     console
 }
 
@@ -35,7 +35,7 @@ impl TestConsole {
         self.model.notice.as_ref().map_or("", |notice| notice.text.as_str())
     }
 
-    fn screen(&self, columns: u16, rows: u16) -> String {
+    pub(super) fn screen(&self, columns: u16, rows: u16) -> String {
         let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);
         frame::text_of(&self.model, &look, columns, rows)
     }

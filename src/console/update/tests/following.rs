@@ -1,20 +1,17 @@
-//! A form says what is so now: it follows how things stand, or closes with a word; and who must be known is asked
-//! for before anything is typed.
+//! A form says what is so now: it follows how things stand, or is void with a word; what is typed into it goes nowhere
+//! else; and who must be known is asked for before anything is typed.
 
 use super::*;
+use holdpoint_approvals::Nonce;
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_protocol::command::Operation;
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::snapshot::{SigningView, StopAgain};
 
 fn stopped(by: &str, since_ms: u64) -> Snapshot {
     let mut now = snapshot(0, 'e');
-    now.stopped = Some(StoppedView {
-        by: by.to_owned(),
-        caller: Caller::Script,
-        reason: "a hand in the cell".to_owned(),
-        since_ms,
-        stood_after_ticks: None,
-    });
+    let reason = "a hand in the cell".to_owned();
+    now.stopped = Some(StoppedView::first(by.to_owned(), Caller::Script, reason, since_ms));
     now
 }
 
@@ -27,6 +24,14 @@ fn form(console: &TestConsole) -> Option<&crate::form::Form> {
         Some(Overlay::Form(form)) => Some(form),
         _ => None,
     }
+}
+
+/// Why what is open is for nothing any more; the window is closed then.
+fn void(console: &mut TestConsole) -> Option<String> {
+    let why = form(console).and_then(|form| form.void.as_ref().map(|void| void.why.clone()));
+    console.now_ms += GUARD_MS;
+    console.press(KeyCode::Esc);
+    why.filter(|_| form(console).is_none())
 }
 
 fn notice(console: &TestConsole) -> String {
@@ -59,8 +64,8 @@ fn letting_the_cell_work_is_about_the_stop_that_was_read() {
     assert!(form(&console).is_some_and(|form| form.problem.is_none() && form.reason.text() == "clear"));
     // Somebody stopped it once more.
     told(&mut console, stopped("cy", 61_000));
-    assert!(form(&console).is_none());
     assert!(notice(&console).contains("cy has stopped it anew"), "{}", notice(&console));
+    assert!(void(&mut console).unwrap().contains("cy has stopped it anew"));
     // Also where the engine keeps the first stop as the one that counts.
     console.keys("W");
     let stop = |at_ms: u64| Event {
@@ -73,15 +78,138 @@ fn letting_the_cell_work_is_about_the_stop_that_was_read() {
         },
     };
     console.tell(MsgKind::Events(vec![stop(61_000)]));
-    assert!(form(&console).is_some(), "that is the stop that was read");
+    console.tell(MsgKind::Events(vec![stop(60_000)]));
+    assert!(form(&console).is_some_and(|form| form.void.is_none()), "that is the stop that was read");
     console.tell(MsgKind::Events(vec![stop(62_000)]));
-    assert!(form(&console).is_none());
-    assert!(notice(&console).contains("di has stopped it anew"), "{}", notice(&console));
+    assert!(void(&mut console).unwrap().contains("di has stopped it anew"));
     // Or let it work.
     console.keys("W");
     told(&mut console, snapshot(0, 'e'));
-    assert!(form(&console).is_none());
-    assert!(notice(&console).contains("let it work already"), "{}", notice(&console));
+    assert!(void(&mut console).unwrap().contains("let it work already"));
+}
+
+/// Whatever was being typed when somebody else's stop came went to the view as keys: `F` opened a form, `q` another.
+#[test]
+fn what_is_being_typed_when_a_form_becomes_void_is_no_key() {
+    let rest = "clear; Foreman quit, XBDqWx:demo";
+    for at in 0..rest.len() {
+        let mut console = TestConsole::new(0);
+        told(&mut console, stopped("bo", 1_000));
+        console.keys("W");
+        console.keys(&rest[..at]);
+        told(&mut console, stopped("cy", 61_000));
+        let before = console.model.place.clone();
+        let mut effects = console.keys(&rest[at..]);
+        // The keys that would have confirmed it come with the rest.
+        for key in [KeyCode::Enter, KeyCode::Tab, KeyCode::Tab, KeyCode::Enter, KeyCode::Esc] {
+            console.now_ms += GUARD_MS - 1;
+            effects.extend(console.press(key));
+        }
+        assert!(effects.is_empty(), "{at}: {effects:?}");
+        assert!(form(&console).is_some_and(|form| form.void.is_some()), "{at}");
+        assert_eq!(console.model.place, before, "{at}");
+        // How the arm is stopped works all the same, and stands there.
+        assert!(matches!(
+            &console.clone().press(KeyCode::F(9))[..],
+            [Effect::Ask { question: Question::Stop { .. }, .. }]
+        ));
+        assert!(void(&mut console).is_some(), "{at}: a key of its own closes it");
+    }
+}
+
+/// A passphrase is typed while what it would sign changes, or goes away.
+#[test]
+fn a_passphrase_never_becomes_keys() {
+    for gone in [false, true] {
+        let mut console = TestConsole::new(0);
+        console.sit_with("ana", Protection::Passphrase);
+        let mut now = stopped("bo", 1_000);
+        now.signing = Some(SigningView {
+            required: true,
+            store_id: "s".to_owned(),
+            life: Nonce::from_bytes([7; 16]),
+            until_ms: 300_000,
+        });
+        told(&mut console, now.clone());
+        console.keys("W");
+        confirm(&mut console);
+        console.keys("under th");
+        if gone {
+            now.stopped = None;
+        } else if let Some(stopped) = &mut now.stopped {
+            stopped.reason = "two hands".to_owned();
+        }
+        told(&mut console, now);
+        let effects = console.keys("e oak xXqF");
+        assert!(effects.is_empty() && console.press(KeyCode::Enter).is_empty(), "{effects:?}");
+        let open = form(&console).unwrap();
+        assert_eq!((open.void.is_some(), open.signing.is_some()), (gone, !gone));
+        if gone {
+            assert!(void(&mut console).is_some());
+        } else {
+            console.press(KeyCode::Esc);
+            let open = form(&console).unwrap();
+            assert!(open.signing.is_none() && open.consequences[0].contains("two hands"), "{open:?}");
+        }
+    }
+}
+
+/// A question that somebody else answers while a reason is typed for it: the rest of the reason rejected nothing, but it
+/// aborted and stopped, and Enter went on to what lay below.
+#[test]
+fn what_is_being_typed_into_a_question_that_closes_is_no_key() {
+    let mut console = TestConsole::new(0);
+    console.open_prompt();
+    console.press(KeyCode::Tab);
+    console.keys("no");
+    let closed = Snapshot { prompts: Vec::new(), ..snapshot(0, 'e') };
+    told(&mut console, closed);
+    let effects = console.keys(" good: xXYNr");
+    assert!(effects.is_empty() && console.press(KeyCode::Enter).is_empty(), "{effects:?}");
+    assert!(console.press(KeyCode::Esc).is_empty());
+    assert!(matches!(&console.model.entry.overlay, Some(Overlay::Prompt(prompt)) if prompt.closed));
+    console.now_ms += GUARD_MS;
+    console.press(KeyCode::Esc);
+    assert!(console.model.entry.overlay.is_none());
+}
+
+/// Whoever lets the cell work answers for everybody who stopped it, and not for the first alone.
+#[test]
+fn everybody_who_stopped_the_cell_is_named() {
+    let mut now = stopped("ana", 62_000);
+    let again = |by: &str, at_ms| StopAgain {
+        by: by.to_owned(),
+        caller: Caller::Script,
+        reason: format!("{by} saw something"),
+        at_ms,
+    };
+    let said = |now: &Snapshot| {
+        let mut console = TestConsole::new(0);
+        told(&mut console, now.clone());
+        let screen = console.screen(120, 36);
+        console.keys("W");
+        (screen, form(&console).unwrap().consequences.join("\n"), console.screen(80, 24))
+    };
+    now.stopped.as_mut().unwrap().note_again(again("bert", 69_000));
+    let (screen, form, _) = said(&now);
+    assert!(screen.contains("STOPPED by ana 00:01:02, bert 00:01:09"), "{screen}");
+    assert!(form.contains("Stopped by ana") && form.contains("since 00:01:02: a hand in the cell"), "{form}");
+    assert!(form.contains("and by bert") && form.contains("at 00:01:09: bert saw something"), "{form}");
+    // However many there are, the first is named, and the last ones, and how many came between.
+    for (by, at_ms) in
+        [("carl", 70_000), ("dora", 71_000), ("emil", 72_000), ("fritz", 73_000), ("bert", 74_000)]
+    {
+        now.stopped.as_mut().unwrap().note_again(again(by, at_ms));
+    }
+    let stopped = now.stopped.as_ref().unwrap();
+    let named: Vec<&str> = stopped.again.iter().map(|stop| stop.by.as_str()).collect();
+    assert_eq!((named, stopped.unnamed), (vec!["dora", "emil", "fritz", "bert"], 2));
+    let (screen, form, open) = said(&now);
+    assert!(screen.contains("STOPPED by ana 00:01:02, bert 00:01:14 and 5 more"), "{screen}");
+    assert!(form.contains("and 2 more times") && form.contains("fritz") && !form.contains("carl"), "{form}");
+    for wanted in ["Stopped by ana", "and 2 more times", "and by bert", "nobody is in the cell", "Reason"] {
+        assert!(open.contains(wanted), "{wanted}: {open}");
+    }
 }
 
 #[test]
@@ -126,7 +254,7 @@ fn a_form_follows_its_version_and_asks_to_be_read_again() {
 }
 
 #[test]
-fn a_form_closes_when_it_would_be_for_something_else() {
+fn a_form_is_void_when_it_would_be_for_something_else() {
     type Change = fn(&mut Snapshot);
     let moved: [(&str, Change); 4] = [
         ("F", |now| now.candidates[0].state = State::Active),
@@ -141,8 +269,8 @@ fn a_form_closes_when_it_would_be_for_something_else() {
         let mut now = snapshot(0, 'e');
         change(&mut now);
         told(&mut console, now);
-        assert!(form(&console).is_none(), "{key}");
         assert!(notice(&console).contains("not asked"), "{key}: {}", notice(&console));
+        assert!(void(&mut console).is_some(), "{key}");
     }
     // The way back goes away while somebody reads that it takes over.
     let mut console = TestConsole::new(0);
@@ -158,11 +286,17 @@ fn a_form_closes_when_it_would_be_for_something_else() {
     ));
     now.families[0].pinned = None;
     told(&mut console, now);
-    assert!(form(&console).is_none(), "it would stop the family now");
+    // The key that aborts asks anew, as things stand now.
+    assert!(form(&console).is_some_and(|form| form.void.is_some()), "it would stop the family now");
+    console.keys("x");
+    assert!(matches!(
+        form(&console).map(|form| (&form.intent, &form.void)),
+        Some((Intent::Abort(crate::form::Abort::Last(_)), None))
+    ));
 }
 
 #[test]
-fn an_alarm_that_is_gone_closes_its_form() {
+fn an_alarm_that_is_gone_voids_its_form() {
     let mut console = TestConsole::new(0);
     console.keys("5");
     console.press(KeyCode::Char('z'));
@@ -170,8 +304,7 @@ fn an_alarm_that_is_gone_closes_its_form() {
     let mut now = snapshot(0, 'e');
     now.alarms.remove(0);
     told(&mut console, now);
-    assert!(form(&console).is_none());
-    assert!(notice(&console).contains("normal again"), "{}", notice(&console));
+    assert!(void(&mut console).unwrap().contains("normal again"));
 }
 
 /// The console's keys and the verbs `pause` and `resume` have one rule.

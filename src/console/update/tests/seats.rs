@@ -16,6 +16,7 @@ fn seat(seat: u64, who: Option<&str>, reading: Option<&str>) -> SeatView {
         seat,
         process: None,
         sitting: Sitting { who, view: "Alarms".to_owned(), reading, read_only: false },
+        not_reading: false,
     }
 }
 
@@ -115,16 +116,32 @@ fn an_answer_from_another_seat_is_named_in_the_open_question() {
 
 #[test]
 fn leaving_ends_what_is_ones_own_and_nothing_else() {
-    for (link, quits, detaches) in
-        [(EngineLink::Own, None, None), (EngineLink::Attached, Some(Effect::Leave), Some(Effect::Leave))]
-    {
+    let (leaves, keeps) = (Some(Effect::Leave), Some(Effect::Detach));
+    for (link, ends_alone_s, others, quits, detaches) in [
+        (EngineLink::Own, None, 0, None, None),
+        (EngineLink::Attached, None, 0, leaves.clone(), keeps.clone()),
+        // One that a console has started ends with the last who sits there, unless it was told to go on.
+        (EngineLink::Attached, Some(60), 0, None, keeps.clone()),
+        (EngineLink::Attached, Some(60), 1, leaves, keeps),
+    ] {
         let mut console = TestConsole::new(0);
         console.model.told.link = link;
+        console.model.told.seat = Some(9);
+        let seats = (0..others).map(|number| seat(number, None, None)).collect();
+        let now = Snapshot { seats, ends_alone_s, ..snapshot(0, 'e') };
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        console.model.notice = None;
+        let word = match (link, &quits) {
+            (EngineLink::Own, _) => "q quit",
+            (EngineLink::Attached, None) => "q end engine",
+            (EngineLink::Attached, Some(_)) => "q leave it on",
+        };
+        assert!(screen(&console, 120, 36).contains(word), "{word}: {}", screen(&console, 120, 36));
         console.keys(":detach");
         assert_eq!(console.press(KeyCode::Enter).pop(), detaches, "{link:?}");
         if detaches.is_none() {
             let notice = console.model.notice.as_ref().unwrap();
-            assert!(notice.bad && notice.text.contains("holdpoint serve"), "{notice:?}");
+            assert!(notice.bad && notice.text.contains("--in-process"), "{notice:?}");
         }
         assert_eq!(console.keys("q").pop(), quits, "{link:?}");
         // Where it would end the engine, it is asked first.
@@ -154,4 +171,12 @@ fn versions_are_found_by_how_they_stand() {
         console.model.place.filters.insert(View::Overview, words.to_owned());
         assert_eq!(console.model.pipeline_rows().len(), found, "{words}");
     }
+}
+
+#[test]
+fn a_seat_that_reads_nothing_is_marked() {
+    let mut console = TestConsole::new(0);
+    let asleep = SeatView { not_reading: true, ..seat(1, Some("bert"), None) };
+    with_seats(&mut console, vec![asleep, seat(2, Some("ana"), None)]);
+    assert!(screen(&console, 120, 36).contains("with bert, NOT READING (Alarms)"));
 }

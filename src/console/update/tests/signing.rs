@@ -140,13 +140,7 @@ impl TestConsole {
             life: Nonce::from_bytes([7; 16]),
             until_ms: 300_000,
         });
-        now.stopped = Some(StoppedView {
-            by: "bo".to_owned(),
-            caller: Caller::Script,
-            reason: String::new(),
-            since_ms: 1,
-            stood_after_ticks: Some(1),
-        });
+        now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1));
         self.tell(MsgKind::Snapshot(Arc::new(now)));
     }
 

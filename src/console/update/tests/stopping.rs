@@ -38,13 +38,7 @@ fn going_on_needs_a_name_and_a_reason() {
     assert!(console.keys("W").is_empty());
     assert!(console.model.entry.overlay.is_none(), "there is nothing to let go");
     let mut now = snapshot(0, 'e');
-    now.stopped = Some(StoppedView {
-        by: "bo".to_owned(),
-        caller: Caller::Script,
-        reason: String::new(),
-        since_ms: 1_000,
-        stood_after_ticks: Some(20),
-    });
+    now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     console.keys("W");
     console.press(KeyCode::Tab);
@@ -97,11 +91,8 @@ fn a_go_from_elsewhere_leaves_no_stale_line() {
     console.tell(MsgKind::Answer { id: id.clone(), reply });
     let mut now = snapshot(0, 'e');
     now.stopped = Some(StoppedView {
-        by: "ana".to_owned(),
-        caller: Caller::Script,
-        reason: String::new(),
-        since_ms: 60_000,
         stood_after_ticks: Some(20),
+        ..StoppedView::first("ana".to_owned(), Caller::Script, String::new(), 60_000)
     });
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Unicode);

@@ -1,0 +1,61 @@
+//! An engine that is being started in another process: what is asked meanwhile waits for it, and nothing is lost.
+
+use std::sync::{Mutex, PoisonError};
+
+use tokio::sync::mpsc;
+
+use super::NotTaken;
+use super::update::{OUTSTANDING_MAX, Update};
+use holdpoint_protocol::command::Request;
+
+/// There is no engine yet, for one is being started in another process. What is asked meanwhile waits for it.
+pub(super) struct Coming {
+    /// Absent once nobody comes for it.
+    asked: Mutex<Option<Vec<Request>>>,
+    /// As long as this lives, the front end waits.
+    _told: mpsc::Sender<Update>,
+}
+
+impl Coming {
+    pub(super) const fn new(told: mpsc::Sender<Update>) -> Self {
+        Self { asked: Mutex::new(Some(Vec::new())), _told: told }
+    }
+
+    /// What waits. Nothing more does from now on.
+    pub(super) fn take(&self) -> Vec<Request> {
+        self.asked.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default()
+    }
+
+    pub(super) fn ask(&self, request: Request) -> Result<(), NotTaken> {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        match asked.as_mut() {
+            Some(asked) if asked.len() < OUTSTANDING_MAX => {
+                asked.push(request);
+                Ok(())
+            }
+            Some(_) => Err(NotTaken::Busy(Box::new(request))),
+            None => Err(NotTaken::Ended(Box::new(request))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_protocol::command::Command;
+
+    #[test]
+    fn what_is_asked_early_waits_and_nothing_waits_for_nobody() {
+        let coming = Coming::new(mpsc::channel(1).0);
+        let stop = |id: usize| {
+            let command = Command::Stop { by: "ana".to_owned(), reason: String::new() };
+            Request::unsigned(id.to_string(), command)
+        };
+        for id in 0..OUTSTANDING_MAX {
+            assert_eq!(coming.ask(stop(id)), Ok(()));
+        }
+        assert_eq!(coming.ask(stop(99)), Err(NotTaken::Busy(Box::new(stop(99)))));
+        assert_eq!((coming.take().len(), coming.take().len()), (OUTSTANDING_MAX, 0));
+        assert_eq!(coming.ask(stop(0)), Err(NotTaken::Ended(Box::new(stop(0)))));
+    }
+}

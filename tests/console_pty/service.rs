@@ -1,0 +1,209 @@
+//! The engine of a console that found none: a process of its own, which ends with the last that sits at it, is left at work
+//! by a word alone, and does not outlive a console that was killed.
+
+use std::fs;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::pty::{Console, Home, PATIENCE};
+use crate::{SIZE, assert_restored, is_up, quit, verified};
+
+/// A console that starts an engine which goes on for so many seconds with nobody.
+fn begun(home: &Home, linger: &str) -> Console {
+    let console = home.console(&["run", "--no-tour", "--jobs=1", "--linger", linger], SIZE);
+    console.wait_for("the engine is up", |screen| is_up(&screen.contents()));
+    console
+}
+
+/// The engine's process, as the lock of its store has it.
+fn engine(home: &Home) -> i32 {
+    let owner = fs::read_to_string(home.data().join("engine.lock")).unwrap();
+    owner.split(' ').nth(1).unwrap().parse().unwrap()
+}
+
+/// State, session and terminal of a process; absent if there is none.
+fn process(id: i32) -> Option<(String, i32, i32)> {
+    let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    Some((fields[0].to_owned(), fields[3].parse().ok()?, fields[4].parse().ok()?))
+}
+
+fn is_gone(id: i32) -> bool {
+    process(id).is_none_or(|(state, ..)| state == "Z")
+}
+
+/// Waits for the end of the engine, looking at the store meanwhile as somebody would.
+fn ends(home: &Home, id: i32) {
+    let until = Instant::now() + PATIENCE;
+    while !is_gone(id) {
+        assert!(Instant::now() < until, "the engine works on with nobody");
+        home.run(&["status"]);
+    }
+}
+
+fn signal(id: i32, signal: Signal) {
+    kill_process(Pid::from_raw(id).unwrap(), signal).unwrap();
+}
+
+#[test]
+fn a_console_starts_an_engine_in_a_session_of_its_own_and_ends_it() {
+    let home = Home::new();
+    let mut console = begun(&home, "60");
+    let id = engine(&home);
+    assert_ne!(u32::try_from(id).unwrap(), console.id());
+    assert_eq!(process(id).map(|(_, session, terminal)| (session, terminal)), Some((id, 0)));
+    console.wait_for_text("q end engine");
+    assert_eq!(quit(&mut console), 0, "{}", console.contents());
+    assert!(console.contents().contains("the engine ended in good order"), "{}", console.contents());
+    assert_restored(&console);
+    assert!(is_gone(id), "the store is free when the console has ended");
+    verified(&home);
+    // It can be started anew at once.
+    let mut again = begun(&home, "60");
+    assert_eq!(quit(&mut again), 0);
+}
+
+#[test]
+fn an_engine_that_was_detached_goes_on_with_nobody() {
+    let home = Home::new();
+    let mut console = begun(&home, "1");
+    let id = engine(&home);
+    console.keys(":detach\r");
+    assert_eq!(console.end().exit_code(), 0);
+    assert!(console.contents().contains("left the engine at work"), "{}", console.contents());
+    assert_restored(&console);
+    let until = Instant::now() + Duration::from_secs(3);
+    while Instant::now() < until {
+        home.must(&["status"]);
+        assert!(!is_gone(id), "it was told to go on");
+    }
+    // Whoever comes back sits at the same one, and leaves it at work.
+    let mut back = home.console(&["run", "--no-tour"], SIZE);
+    back.wait_for_text("q leave it on");
+    assert_eq!(engine(&home), id);
+    back.keys("q");
+    assert_eq!(back.end().exit_code(), 0);
+    assert!(!is_gone(id));
+    signal(id, Signal::TERM);
+    ends(&home, id);
+    verified(&home);
+}
+
+#[test]
+fn a_console_that_is_killed_or_loses_its_terminal_leaves_no_engine_with_nobody() {
+    for is_killed in [true, false] {
+        let home = Home::new();
+        let mut console = begun(&home, "1");
+        let id = engine(&home);
+        if is_killed {
+            console.signal(Signal::KILL);
+            console.end();
+        } else {
+            console.hang_up();
+        }
+        ends(&home, id);
+        verified(&home);
+    }
+}
+
+#[test]
+fn the_last_who_sits_there_ends_it_and_nobody_else() {
+    let home = Home::new();
+    let mut first = begun(&home, "60");
+    let id = engine(&home);
+    let mut second = home.console(&["run", "--no-tour"], SIZE);
+    second.wait_for_text("q leave it on");
+    first.wait_for_text("q leave it on");
+    first.keys("q");
+    assert_eq!(first.end().exit_code(), 0);
+    assert!(first.contents().contains("left the engine at work"), "{}", first.contents());
+    second.wait_for_text("q end engine");
+    assert_eq!(quit(&mut second), 0);
+    assert!(is_gone(id));
+    verified(&home);
+}
+
+/// One of two that were begun together said that no engine was at work there, and stayed with that.
+#[test]
+fn two_that_are_begun_together_sit_at_one_engine() {
+    let home = Home::new();
+    let words = ["run", "--no-tour", "--jobs=1"];
+    let both = [home.console(&words, SIZE), home.console(&words, SIZE)];
+    for console in &both {
+        console.wait_for("it is up", |screen| {
+            is_up(&screen.contents()) && screen.contents().contains("with seat")
+        });
+    }
+    let [mut one, mut other] = both;
+    one.keys("q");
+    assert_eq!(one.end().exit_code(), 0);
+    other.wait_for_text("q end engine");
+    assert_eq!(quit(&mut other), 0);
+    verified(&home);
+}
+
+#[test]
+fn an_engine_that_dies_is_said_to_be_gone_and_the_next_one_is_sat_down_at() {
+    let home = Home::new();
+    let mut console = begun(&home, "60");
+    let id = engine(&home);
+    console.keys("7");
+    console.wait_for_text("[7 Audit]");
+    signal(id, Signal::KILL);
+    console.wait_for_text("ENGINE GONE");
+    console.wait_for_text("looks again");
+    let mut service = home.console(&["serve", "--quiet", "--jobs=1"], SIZE);
+    console.wait_for_text("this console sits at it");
+    console.wait_for("it shows the engine, and the place is the same", |screen| {
+        let text = screen.contents();
+        is_up(&text) && !text.contains("ENGINE GONE") && text.contains("[7 Audit]")
+    });
+    console.keys("1q");
+    assert_eq!(console.end().exit_code(), 0, "{}", console.contents());
+    service.signal(Signal::TERM);
+    service.end();
+    verified(&home);
+}
+
+#[test]
+fn an_engine_that_does_not_come_up_is_said_in_its_own_words() {
+    let home = Home::new();
+    let mut console = home.console(&["run", "--no-tour", "--robot", "nowhere.urdf"], SIZE);
+    console.wait_for_text("No engine is at work here");
+    console.wait_for_text("nowhere.urdf");
+    console.keys("q");
+    assert_eq!(console.end().exit_code(), 2);
+    let said = console.contents().replace('\n', "");
+    assert!(said.contains("did not come up") && said.contains("nowhere.urdf"), "{said}");
+    assert_restored(&console);
+}
+
+/// A stop at an engine that hangs was said to be under way, and then nothing was said any more.
+#[test]
+fn an_engine_that_is_silent_is_named_and_a_stop_without_an_answer_stays_in_sight() {
+    let home = Home::new();
+    let mut console = begun(&home, "60");
+    let id = engine(&home);
+    signal(id, Signal::STOP);
+    console.keys("X");
+    console.wait_for_text("STOP NOT ANSWERED");
+    console.wait_for_text("physical stop");
+    console.wait_for_text("STOP NOT CONFIRMED");
+    // Whoever comes now is told which one it is, and what stopped it.
+    let mut other = home.console(&["run", "--no-tour"], SIZE);
+    other.wait_for_text("No engine is at work here");
+    other.wait_for_text(&format!("process {id}, does not answer: a signal stopped it"));
+    signal(id, Signal::CONT);
+    other.wait_for("it sits down after all", |screen| is_up(&screen.contents()));
+    assert!(console.contents().contains("STOP NOT CONFIRMED"), "{}", console.contents());
+    console.keys("X");
+    console.wait_for("it is stopped, and that is said", |screen| {
+        let text = screen.contents();
+        text.contains("STOPPED by") && !text.contains("STOP NOT")
+    });
+    other.keys("q");
+    assert_eq!(other.end().exit_code(), 0);
+    assert_eq!(quit(&mut console), 0);
+    verified(&home);
+}
