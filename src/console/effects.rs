@@ -5,6 +5,7 @@
 
 mod clipboard;
 mod export;
+mod folder;
 mod people;
 mod viewer;
 
@@ -117,8 +118,13 @@ impl Hands {
             },
             Effect::UseIdentity(name) => match people::find(&self.host.identities(), &name) {
                 Ok(operator) => Outcome::Told(MsgKind::Operator(operator)),
-                Err(problem) => bad(problem.sentence()),
+                Err(problem) => {
+                    let text = Untrusted::new(problem.sentence()).display(WIDTH_MAX).into_string();
+                    Outcome::Told(MsgKind::NoIdentity { name, text })
+                }
             },
+            Effect::MakeIdentity(name) => self.make_identity(name),
+            Effect::ReadFolder { typed, path } => self.read_folder(typed, path),
             Effect::Copy(text) => clipboard::copy(place.screen, &text)?,
             Effect::Export(view) => {
                 let folders = [Some(PathBuf::from(".")), self.exports.clone()];
@@ -144,6 +150,32 @@ impl Hands {
             Effect::End => Outcome::End,
             Effect::Leave => Outcome::Leave,
         })
+    }
+
+    /// Makes an identity as a person does on the command line, by the same verb: what it checks and puts on record is
+    /// one place's. On a thread of its own, for the engine takes it in.
+    fn make_identity(&self, name: String) -> Outcome {
+        let (tell, folder) = (self.errands.clone(), self.host.identities());
+        let work = move || {
+            let came = match people::make(&folder, &name) {
+                Ok(operator) => MsgKind::Operator(operator),
+                Err(problem) => told(&problem.sentence(), true),
+            };
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(Errand::Told(came)));
+        };
+        aside("identity", String::new(), work)
+    }
+
+    /// What a typed path could become. A folder may be slow to answer: on a thread of its own.
+    fn read_folder(&self, typed: String, path: String) -> Outcome {
+        let tell = self.errands.clone();
+        let work = move || {
+            let lines = folder::completions(&typed, &path);
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(Errand::Told(MsgKind::Completions { typed, lines })));
+        };
+        aside("folder", String::new(), work)
     }
 
     /// Whether there is a key of this name.
@@ -281,7 +313,11 @@ fn good(text: String) -> Outcome {
 }
 
 fn bad(text: String) -> Outcome {
-    Outcome::Told(MsgKind::Done { text: Untrusted::new(text).display(WIDTH_MAX).into_string(), bad: true })
+    Outcome::Told(told(&text, true))
+}
+
+fn told(text: &str, bad: bool) -> MsgKind {
+    MsgKind::Done { text: Untrusted::new(text).display(WIDTH_MAX).into_string(), bad }
 }
 
 fn refused(id: String, code: Refusal, problem: &impl Hint) -> Outcome {

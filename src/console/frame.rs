@@ -17,10 +17,7 @@ use super::model::{Model, Overlay, View};
 use super::prompt::OnScreen;
 use super::views;
 use super::widgets::pen::{Fit, Pen, above, below};
-use super::widgets::row::{Row, wrap};
-
-/// The most lines of the tour's sentence.
-const TOUR_ROWS: usize = 3;
+use super::widgets::row::Row;
 
 /// Draws everything into `area`, which may have any size.
 pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
@@ -30,8 +27,12 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
     }
     let mut pen = Pen { look, buf, fit: Fit::of(area.width, area.height) };
     pen.clear(area);
+    let menu = model.entry.menu.as_ref();
     if pen.fit == Fit::Tiny {
         views::tiny::draw(model, &mut pen, area);
+        if let Some(menu) = menu {
+            views::menu::draw(menu, &mut pen, above(area, area.height - 1));
+        }
         return;
     }
     views::banner::draw(model, &mut pen, above(area, 1));
@@ -54,6 +55,9 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
         None => {
             under(model, &mut pen, body);
         }
+    }
+    if let Some(menu) = menu {
+        views::menu::draw(menu, &mut pen, body);
     }
 }
 
@@ -81,11 +85,12 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let mut body = below(area, 1);
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
-        let text = format!("Tour: {sentence} ({key} dismisses)");
-        let lines = wrap(&text, usize::from(body.width), TOUR_ROWS);
-        let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Notice, line)).collect();
-        let taken = pen.rows(body, 0, &rows);
-        body = below(body, taken);
+        // One line: the key that dismisses it stays where the sentence has to be cut.
+        let tail = format!(" ({key} ends the tour)");
+        let room = usize::from(body.width).saturating_sub(tail.len());
+        let row = Row::of(ThemeRole::Notice, &views::short(sentence, room)).with(ThemeRole::Muted, &tail);
+        pen.row(body, 0, &row);
+        body = below(body, 1);
     }
     match model.place.view {
         View::Overview => views::overview::draw(model, pen, body),

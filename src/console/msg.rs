@@ -54,6 +54,16 @@ pub enum MsgKind {
     },
     /// A frame had these rows of the open decision on the screen.
     DecisionShown(OnScreen),
+    /// Nobody of this name could sit down here: why.
+    NoIdentity {
+        name: String,
+        text: String,
+    },
+    /// What a typed line could become, by what its folder holds.
+    Completions {
+        typed: String,
+        lines: Vec<String>,
+    },
     /// An effect came to this: one sentence, and whether it failed.
     Done {
         text: String,

@@ -9,6 +9,7 @@ mod finding;
 mod moving;
 mod operating;
 mod overlays;
+pub mod possible;
 mod typing;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -36,6 +37,7 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::Picture(_)
         | MsgKind::Resize(..)
         | MsgKind::Theme(_)
+        | MsgKind::Completions { .. }
         | MsgKind::DecisionShown(_) => None,
         MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) => Some(false),
         MsgKind::EngineStarted
@@ -47,6 +49,7 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::Identities(_)
         | MsgKind::Operator(_)
         | MsgKind::Done { .. }
+        | MsgKind::NoIdentity { .. }
         | MsgKind::Unsigned { .. }
         | MsgKind::EndAsked => Some(true),
     };
@@ -81,6 +84,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         }
         MsgKind::Snapshot(snapshot) => engine::snapshot(model, snapshot),
         MsgKind::Picture(picture) => {
+            model.told.framing.see(&picture);
             model.told.picture = Some(picture);
             Vec::new()
         }
@@ -98,12 +102,18 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::Operator(operator) => {
+            model.seat.wanted = None;
             tell(model, format!("{} ({}) sits here now", operator.name, operator.role), false);
             model.seat.operator = Some(operator);
             Vec::new()
         }
         MsgKind::Done { text, bad } => {
             tell(model, text, bad);
+            Vec::new()
+        }
+        MsgKind::NoIdentity { name, text } => operating::nobody(model, name, text),
+        MsgKind::Completions { typed, lines } => {
+            typing::offer(model, typed, lines);
             Vec::new()
         }
         MsgKind::Theme(name) => {
@@ -309,6 +319,7 @@ fn show(model: &mut Model, view: View) -> Vec<Effect> {
             model.place.back.remove(0);
         }
         model.place.view = view;
+        model.place.opened = None;
     }
     asking::refresh_now(model)
 }
@@ -322,7 +333,10 @@ fn show_about(model: &mut Model, view: View) -> Vec<Effect> {
 }
 
 fn back(model: &mut Model) -> Vec<Effect> {
-    if model.place.filters.remove(&model.place.view).is_some() {
+    if model.place.view == View::Audit && model.place.opened.take().is_some() {
+        return Vec::new();
+    }
+    if model.place.set_filter(String::new()) {
         return asking::refresh_now(model);
     }
     match model.place.back.pop() {

@@ -10,6 +10,7 @@ mod candidate_rows;
 pub mod families;
 pub mod form;
 pub mod hints;
+pub mod menu;
 pub mod overview;
 pub mod palette;
 pub mod pipeline;

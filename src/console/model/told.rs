@@ -1,10 +1,12 @@
 //! What the engine told: its newest picture of itself, its story, and its answers to what the console looks up.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
+use super::framing::Framing;
+use super::headway::Headway;
 use holdpoint_engine::host::EndFault;
-use holdpoint_governance::ids::Family;
+use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::detail::{AuditPage, Detail, RegistryPage, Verified};
 use holdpoint_protocol::picture::Picture;
@@ -116,6 +118,10 @@ pub struct Told {
     pub snapshot: Option<Arc<Snapshot>>,
     /// Console time it came, ms.
     pub snapshot_ms: u64,
+    /// How fast each stage gets on, by its candidate.
+    pub headway: BTreeMap<CapabilityId, Headway>,
+    /// What of the cell was seen to move, which the robot's pane holds.
+    pub framing: Framing,
     /// The newest moment of the live cell.
     pub picture: Option<Arc<Picture>>,
     /// What the engine told, oldest first; at most [`LOG_MAX`].

@@ -197,6 +197,8 @@ impl Showing {
             | msg::MsgKind::Identities(_)
             | msg::MsgKind::Operator(_)
             | msg::MsgKind::Done { .. }
+            | msg::MsgKind::NoIdentity { .. }
+            | msg::MsgKind::Completions { .. }
             | msg::MsgKind::Unsigned { .. }
             | msg::MsgKind::Theme(_)
             | msg::MsgKind::DecisionShown(_)

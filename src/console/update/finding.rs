@@ -1,19 +1,33 @@
 //! The cursor goes to what is typed, in views that nothing may be filtered from.
 
 use super::moving::set_row;
-use crate::model::{Model, Typing, View};
+use crate::audit;
+use crate::model::{Model, OpenedRecord, Typing, View};
 use crate::rows::said;
 
 /// Puts the cursor on the next row that contains what is typed, from where it is and then from the top. It stays if
 /// there is none.
 pub(super) fn look(model: &mut Model) {
     let Some(Typing::Find(line)) = &model.entry.typing else { return };
+    if let (Some(lines), Some(opened)) = (model.opened_record().map(audit::raw), model.place.opened) {
+        let wanted = line.text().to_lowercase();
+        let fits = |at: &usize| lines.get(*at).is_some_and(|text| text.to_lowercase().contains(&wanted));
+        let found = (opened.scroll..lines.len()).chain(0..opened.scroll).find(fits);
+        if let (Some(scroll), false) = (found, wanted.is_empty()) {
+            model.place.opened = Some(OpenedRecord { scroll, ..opened });
+        }
+        return;
+    }
     if let Some(row) = found(model, line.text()) {
         set_row(model, row);
     }
 }
 
 pub(super) fn is_there(model: &Model, text: &str) -> bool {
+    if let Some(record) = model.opened_record() {
+        let wanted = text.to_lowercase();
+        return audit::raw(record).iter().any(|line| line.to_lowercase().contains(&wanted));
+    }
     text.is_empty() || found(model, text).is_some()
 }
 

@@ -116,6 +116,7 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
         Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
         Intent::ResetAlarm(name) => return alarm_lines(alarm_now(model, name)?, Action::ResetAlarm),
         Intent::Register(_) => return Ok(register_lines()),
+        Intent::Identity(name) => return Ok(identity_lines(name)),
         Intent::Quit => return Ok(quit_lines(model)),
     };
     let (intent, lines) = intent(model, action, id)?;
@@ -163,7 +164,11 @@ fn alarm_now<'a>(model: &'a Model, name: &str) -> Result<&'a AlarmView, String> 
     alarms.iter().find(|alarm| alarm.alarm == name).ok_or_else(|| "the alarm is normal again".to_owned())
 }
 
-fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, Vec<String>), String> {
+pub(super) fn intent(
+    model: &Model,
+    action: Action,
+    id: &CapabilityId,
+) -> Result<(Intent, Vec<String>), String> {
     let Some((state, flags)) = model.stands(id) else {
         return Err(format!("nothing is known about {id} yet"));
     };
@@ -265,6 +270,26 @@ pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
     }
 }
 
+/// Nobody of this name is known. Where an unprotected key is enough to act, somebody who typed the name is offered to
+/// make it.
+pub(super) fn nobody(model: &mut Model, name: String, text: String) -> Vec<Effect> {
+    let sim = model.told.snapshot.as_ref().is_some_and(|now| now.profile == ProfileName::Sim);
+    let typed = model.seat.wanted.take().is_some_and(|wanted| wanted == name);
+    if !(sim && typed && model.absence().is_none() && !model.settings.read_only) {
+        return refuse(model, &text);
+    }
+    let lines = identity_lines(&name);
+    open(model, Intent::Identity(name), lines)
+}
+
+fn identity_lines(name: &str) -> Vec<String> {
+    vec![
+        format!("Nobody here is called {name}; it is made as an operator and goes on record"),
+        "Its key has no passphrase: enough to act in a simulated cell, and for no approval beside people"
+            .to_owned(),
+    ]
+}
+
 /// Opens the form that gives the agent of the live cell a goal.
 pub(super) fn goal(model: &mut Model, goal: String) -> Vec<Effect> {
     let lines = goal_lines(model);
@@ -330,7 +355,7 @@ fn pinned<'a>(model: &'a Model, id: &CapabilityId) -> Option<&'a CapabilityId> {
 
 /// The most urgent thing to stop: an active version in question, one that is not settled, the candidate under the
 /// cursor, a candidate at work, one that waits; each with what stopping it does.
-fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
+pub(super) fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
     let snapshot = model.told.snapshot.as_ref()?;
     let unsettled = |flags: &Flags| flags.provisional || flags.restricted;
     let actives: Vec<(&CapabilityId, Flags)> = snapshot
@@ -415,15 +440,15 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
     let by = model.seat.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
     match action {
         Action::Acknowledge => {
-            if alarm.acknowledged_by.is_some() {
-                return refuse(model, "somebody has acknowledged it already");
+            if let Err(why) = takes(&alarm, action) {
+                return refuse(model, &why);
             }
             let what = format!("acknowledge {}", alarm.alarm);
             asking::ask(model, what, Question::Acknowledge { alarm: alarm.alarm, by })
         }
         Action::Unshelve => {
-            if alarm.shelf.is_none() {
-                return refuse(model, "it is not shelved");
+            if let Err(why) = takes(&alarm, action) {
+                return refuse(model, &why);
             }
             let what = format!("unshelve {}", alarm.alarm);
             asking::ask(model, what, Question::Unshelve { alarm: alarm.alarm, by })
@@ -433,6 +458,19 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
             Ok(lines) => open(model, Intent::ResetAlarm(alarm.alarm), lines),
             Err(why) => refuse(model, &why),
         },
+    }
+}
+
+/// Whether an alarm takes this as it stands, or why not.
+pub(super) fn takes(alarm: &AlarmView, action: Action) -> Result<(), String> {
+    match action {
+        Action::Acknowledge if alarm.acknowledged_by.is_some() => {
+            Err("somebody has acknowledged it already".to_owned())
+        }
+        Action::Acknowledge => Ok(()),
+        Action::Unshelve if alarm.shelf.is_none() => Err("it is not shelved".to_owned()),
+        Action::Unshelve => Ok(()),
+        _ => alarm_lines(alarm, action).map(drop),
     }
 }
 

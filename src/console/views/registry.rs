@@ -33,7 +33,12 @@ struct Columns {
     name: usize,
     state: usize,
     bar: usize,
+    /// Who made it, how and at what risk; nothing without room for it. What the rest of the line says comes behind.
+    by: usize,
 }
+
+/// Columns from which who made a version and why it stands there are beside it.
+const WIDE: usize = 150;
 
 /// Columns of the widest age, `59 min`.
 const AGE_WIDTH: usize = 6;
@@ -49,11 +54,12 @@ impl Columns {
         5 + self.bar + 1
     }
 
-    const fn of(fit: Fit) -> Self {
+    const fn of(fit: Fit, width: usize) -> Self {
         match fit {
-            Fit::Full => Self { name: 20, state: 22, bar: 5 },
-            Fit::Two => Self { name: 17, state: 21, bar: 2 },
-            Fit::One | Fit::Tiny => Self { name: 9, state: 22, bar: 0 },
+            Fit::Full if width >= WIDE => Self { name: 20, state: 30, bar: 8, by: 30 },
+            Fit::Full => Self { name: 20, state: 22, bar: 5, by: 0 },
+            Fit::Two => Self { name: 17, state: 21, bar: 2, by: 0 },
+            Fit::One | Fit::Tiny => Self { name: 9, state: 22, bar: 0, by: 0 },
         }
     }
 }
@@ -77,12 +83,15 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
-    let columns = Columns::of(pen.fit);
+    let columns = Columns::of(pen.fit, width);
     let look = pen.look;
     // Half an age is none: where there is no room for the widest, the lines below tell it alone.
     let has_age = columns.before_age() + AGE_WIDTH <= width;
     pen.row(area, 0, &header(&columns, has_age, look));
-    let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + DETAIL_ROWS));
+    // Of what is under the cursor a large screen says more, and the list keeps what it needs.
+    let left = area.height.saturating_sub(1 + u16::try_from(items.len()).unwrap_or(u16::MAX));
+    let detail_rows = left.clamp(DETAIL_ROWS, (area.height / 3).max(DETAIL_ROWS));
+    let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + detail_rows));
     let now_ms = model.engine_ms();
     let limits = model.told.registry.page.thresholds;
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
@@ -93,7 +102,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
                 &format!("  {versions} {}", if *versions == 1 { "version" } else { "versions" }),
             )
         }
-        Some(RegistryItem::Version(row)) => version(row, limits, has_age.then_some(now_ms), &columns, look),
+        Some(RegistryItem::Version(row)) => {
+            let line = version(row, limits, has_age.then_some(now_ms), &columns, look);
+            if columns.by > 0 { line.and(beside(model, row, &columns)) } else { line }
+        }
         None => Row::new(),
     });
     detail(model, items.get(cursor), pen, foot);
@@ -108,7 +120,23 @@ fn header(columns: &Columns, has_age: bool, look: &Look) -> Row {
     for dimension in DIMENSIONS {
         row = row.cell(ThemeRole::Muted, kappa_sign(dimension, look.ascii()), columns.kappa());
     }
-    row.with(ThemeRole::Muted, if has_age { " age" } else { "" })
+    let age = if has_age { " age" } else { "" };
+    if columns.by == 0 {
+        return row.with(ThemeRole::Muted, age);
+    }
+    row.cell(ThemeRole::Muted, age, AGE_WIDTH + 3)
+        .cell(ThemeRole::Muted, "made by", columns.by)
+        .with(ThemeRole::Muted, "why it stands there")
+}
+
+/// Who made it, and the deciding reason, for a wide screen.
+fn beside(model: &Model, row: &VersionSummary, columns: &Columns) -> Row {
+    let by = format!("{}, {}, {}", super::short(&row.author, 14), row.provenance, row.risk);
+    let room = columns.by.saturating_sub(1);
+    let reason = model.candidate(&row.version).and_then(|candidate| candidate.reasons.first());
+    Row::new()
+        .cell(ThemeRole::Muted, &super::short(&by, room), columns.by)
+        .with(ThemeRole::Text, &reason.map(reason_line).unwrap_or_default())
 }
 
 fn version(
@@ -138,7 +166,10 @@ fn version(
     }
     let age =
         now_ms.map_or_else(String::new, |now_ms| format!(" {}", age(now_ms.saturating_sub(row.changed_ms))));
-    line.with(ThemeRole::Muted, &age)
+    if columns.by == 0 {
+        return line.with(ThemeRole::Muted, &age);
+    }
+    line.cell(ThemeRole::Muted, &age, AGE_WIDTH + 3)
 }
 
 /// How long ago, in the largest unit that fits: [`AGE_WIDTH`] columns at most.
@@ -180,8 +211,12 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
     pen.row(inside, 0, &sentence);
     let Some(candidate) = model.candidate(&row.version) else { return };
     let composite = candidate.composite.map_or_else(String::new, |value| format!("composite {value:.3}  "));
-    let reason = candidate.reasons.first().map(reason_line).unwrap_or_default();
-    pen.text(below(inside, 1), 0, ThemeRole::Text, &format!("{composite}{reason}"));
+    let mut rest = below(inside, 1);
+    for (at, reason) in candidate.reasons.iter().enumerate() {
+        let lead = if at == 0 { composite.as_str() } else { "" };
+        let taken = pen.text(rest, 0, ThemeRole::Text, &format!("{lead}{}", reason_line(reason)));
+        rest = below(rest, taken);
+    }
 }
 
 #[cfg(test)]
@@ -206,8 +241,8 @@ mod tests {
             assert_eq!(age(age_ms), text);
             assert!(age(age_ms).len() <= AGE_WIDTH, "{text}");
         }
-        for (width, height) in [(80, 24), (100, 30), (120, 36)] {
-            let columns = Columns::of(Fit::of(width, height));
+        for (width, height) in [(80, 24), (100, 30), (120, 36), (200, 60)] {
+            let columns = Columns::of(Fit::of(width, height), usize::from(width));
             assert!(columns.before_age() + AGE_WIDTH <= usize::from(width), "{width} columns");
         }
     }
