@@ -63,6 +63,8 @@ pub enum Effect {
     /// Show the live scene.
     OpenLive,
     UseTheme(String),
+    /// Look whether the operator's own files, keys and themes, changed.
+    LookAtOwnFiles,
     /// Take the mouse, or give it back.
     TakeMouse(bool),
     /// Call for attention once.

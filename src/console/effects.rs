@@ -12,12 +12,14 @@ mod viewer;
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use tokio::sync::mpsc;
 
 use self::viewer::ViewerScene;
 use super::effect::Effect;
 use super::form::NOBODY;
+use super::keymap::Keymap;
 use super::look::Look;
 use super::model::{Absence, Model};
 use super::msg::MsgKind;
@@ -36,6 +38,15 @@ const BELL_INTERVAL_MS: u64 = 10_000;
 /// Reads a candidate for registration: the folder, or the next demonstration candidate that is none of the known
 /// versions. Answers the engine's command, or what is wrong.
 pub type ReadCandidate = Box<dyn FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, Problem>>;
+
+/// What an operator's own files say now.
+pub struct OwnFiles {
+    pub keymap: Arc<Keymap>,
+    pub themes: Themes,
+}
+
+/// Looks whether the operator's files changed: nothing if not, else what they say or what is wrong with them.
+pub type ReadOwnFiles = Box<dyn FnMut() -> Option<Result<OwnFiles, Problem>>>;
 
 /// What an effect is carried out on.
 pub struct EffectTarget<'a> {
@@ -66,6 +77,7 @@ pub enum Errand {
 pub struct Hands {
     pub host: Host,
     candidates: ReadCandidate,
+    own_files: ReadOwnFiles,
     themes: Themes,
     exports: Option<PathBuf>,
     errands: mpsc::Sender<Errand>,
@@ -80,12 +92,13 @@ impl Hands {
     pub fn new(
         host: Host,
         candidates: ReadCandidate,
+        own_files: ReadOwnFiles,
         themes: Themes,
         exports: Option<PathBuf>,
         errands: mpsc::Sender<Errand>,
         view: Option<SocketAddr>,
     ) -> Self {
-        Self { host, candidates, themes, exports, errands, view, rung_ms: None }
+        Self { host, candidates, own_files, themes, exports, errands, view, rung_ms: None }
     }
 
     /// Does one thing.
@@ -142,6 +155,7 @@ impl Hands {
                 }
                 Err(error) => bad(error.sentence()),
             },
+            Effect::LookAtOwnFiles => self.look_at_own_files(place),
             Effect::TakeMouse(take) => {
                 place.terminal.take_mouse(take)?;
                 Outcome::Quiet
@@ -150,6 +164,23 @@ impl Hands {
             Effect::End => Outcome::End,
             Effect::Leave => Outcome::Leave,
         })
+    }
+
+    /// Takes in keys and themes that changed while the console is open. A file that is wrong changes nothing: what was in
+    /// force stays, and the problem is said.
+    fn look_at_own_files(&mut self, place: &mut EffectTarget<'_>) -> Outcome {
+        match (self.own_files)() {
+            None => Outcome::Quiet,
+            Some(Err(problem)) => bad(format!("not taken in, the old ones stay: {}", problem.sentence())),
+            Some(Ok(files)) => {
+                self.themes = files.themes;
+                // The theme in use may be gone, or another one now.
+                if let Ok(theme) = self.themes.get(place.look.theme().name()) {
+                    *place.look = place.look.with_theme(theme);
+                }
+                Outcome::Told(MsgKind::OwnFiles { keymap: files.keymap, themes: self.themes.names() })
+            }
+        }
     }
 
     /// Makes an identity as a person does on the command line, by the same verb: what it checks and puts on record is

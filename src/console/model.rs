@@ -6,6 +6,7 @@ mod asking;
 mod entry;
 mod framing;
 mod headway;
+mod order;
 mod place;
 mod told;
 
@@ -16,6 +17,7 @@ pub use asking::{AskedFor, Asking, PendingRequest};
 pub use entry::{CompletionMenu, Overlay, Typed, Typing};
 pub use framing::Framing;
 pub use headway::Headway;
+pub use order::{SortBy, SortOrder};
 pub use place::{Frozen, ItemKey, ListCursor, MONITORS_PANE, OpenedRecord, STORY_PANE, View, ViewState};
 pub use told::{Absence, EngineLink, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, StoryLine, Told};
 

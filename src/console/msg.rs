@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use ratatui::crossterm::event::KeyEvent;
 
+use super::keymap::Keymap;
 use super::operator::Operator;
 use super::prompt::OnScreen;
 use holdpoint_engine::host::EndFault;
@@ -27,6 +28,8 @@ pub enum MsgKind {
     Paste(String),
     /// The mouse wheel turned: rows down.
     Wheel(i32),
+    /// The mouse was clicked at this column and row, from 0.
+    Click(u16, u16),
     /// The terminal has this many columns and rows now.
     Resize(u16, u16),
     /// The engine is up.
@@ -68,6 +71,11 @@ pub enum MsgKind {
     Done {
         text: String,
         bad: bool,
+    },
+    /// The operator's own files changed: the keys and the names of the themes there are now.
+    OwnFiles {
+        keymap: Arc<Keymap>,
+        themes: Vec<String>,
     },
     /// A theme is in use.
     Theme(String),

@@ -103,14 +103,17 @@ impl Model {
     #[must_use]
     pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
         let mut sieve = Sieve::new(if self.place.view == View::Registry { self.filter() } else { "" });
-        let rows: Vec<&VersionSummary> = self
-            .told
-            .registry
-            .page
-            .rows
-            .iter()
+        let listing = &self.told.registry;
+        let all = &listing.page.rows;
+        let ordered = listing.places.iter().filter_map(|place| all.get(*place));
+        let as_it_comes = if listing.places.is_empty() { &all[..] } else { &[] };
+        let rows: Vec<&VersionSummary> = ordered
+            .chain(as_it_comes)
             .filter(|row| sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)]))
             .collect();
+        if listing.is_flat() {
+            return rows.into_iter().map(RegistryItem::Version).collect();
+        }
         let mut items = Vec::with_capacity(rows.len() + 8);
         for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
             let Some(first) = versions.first() else { continue };
@@ -393,6 +396,30 @@ pub fn said(item: &CandidateItem<'_>) -> String {
         CandidateItem::Drill(drill) => drill.kind.name().to_owned(),
         CandidateItem::Decision(decision) => format!("{} {}", decision.record, decision.ruling.outcome()),
         CandidateItem::Record(record) => format!("{} {} {}", record.seq, record.kind, record.body),
+    }
+}
+
+/// Everything that a row of the candidate view says, for a search in it.
+#[must_use]
+pub fn whole(item: &CandidateItem<'_>) -> String {
+    match item {
+        CandidateItem::Decision(decision) => {
+            let reasons = decision.reasons.iter().map(|reason| {
+                let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
+                format!("{code} {} {}", reason.text, reason.measured.as_deref().unwrap_or_default())
+            });
+            let rest = decision.change.iter().chain(&decision.then).cloned();
+            let all: Vec<String> = reasons.chain(rest).collect();
+            format!("{} {} {}", said(item), decision.rule.name(), all.join(" "))
+        }
+        CandidateItem::Difference(difference) => {
+            let value = |value: &Option<serde_json::Value>| {
+                value.as_ref().map(ToString::to_string).unwrap_or_default()
+            };
+            format!("{} {} {}", said(item), value(&difference.old), value(&difference.new))
+        }
+        CandidateItem::Dimension(result) => format!("{} {}", said(item), result.outcome.name()),
+        _ => said(item),
     }
 }
 

@@ -4,12 +4,15 @@
 //! (a reflex key that approves, an approval over stale evidence) is a table test beside it.
 
 mod asking;
+mod clicking;
 mod engine;
 mod finding;
+mod marking;
 mod moving;
 mod operating;
 mod overlays;
 pub mod possible;
+mod seating;
 mod typing;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -26,6 +29,9 @@ use holdpoint_text::Hint as _;
 /// Halvings of a chart's range at most.
 const ZOOM_MAX: u8 = 6;
 
+/// How often the operator's own files are looked at, ms.
+const OWN_FILES_MS: u64 = 2_000;
+
 /// Views remembered for the way back.
 const BACK_MAX: usize = 16;
 
@@ -37,9 +43,10 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::Picture(_)
         | MsgKind::Resize(..)
         | MsgKind::Theme(_)
+        | MsgKind::OwnFiles { .. }
         | MsgKind::Completions { .. }
         | MsgKind::DecisionShown(_) => None,
-        MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) => Some(false),
+        MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) | MsgKind::Click(..) => Some(false),
         MsgKind::EngineStarted
         | MsgKind::Events(_)
         | MsgKind::Answer { .. }
@@ -70,6 +77,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::Key(key) => on_key(model, key),
         MsgKind::Paste(text) => typing::paste(model, &text),
         MsgKind::Wheel(rows) => moving::wheel(model, rows),
+        MsgKind::Click(column, row) => clicking::click(model, column, row),
         MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
             Vec::new()
@@ -111,7 +119,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             tell(model, text, bad);
             Vec::new()
         }
-        MsgKind::NoIdentity { name, text } => operating::nobody(model, name, text),
+        MsgKind::NoIdentity { name, text } => seating::nobody(model, name, text),
         MsgKind::Completions { typed, lines } => {
             typing::offer(model, typed, lines);
             Vec::new()
@@ -131,7 +139,19 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::EndAsked => vec![Effect::End],
-        MsgKind::Tick => asking::refresh(model),
+        MsgKind::OwnFiles { keymap, themes } => {
+            (model.keymap, model.themes) = (keymap, themes);
+            tell(model, "keys and themes were read anew: their files changed", false);
+            Vec::new()
+        }
+        MsgKind::Tick => {
+            let mut effects = asking::refresh(model);
+            if model.now_ms.saturating_sub(model.asking.own_files_ms) >= OWN_FILES_MS {
+                model.asking.own_files_ms = model.now_ms;
+                effects.push(Effect::LookAtOwnFiles);
+            }
+            effects
+        }
     }
 }
 
@@ -243,6 +263,9 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         | Action::NextPane
         | Action::PreviousPane
         | Action::Open => moving::go(model, action),
+        Action::Sort | Action::SortReverse => moving::sort(model, action),
+        Action::FindNext => finding::next(model),
+        Action::Mark => marking::mark(model),
         Action::Stop => asking::stop(model),
         Action::Go => operating::go(model),
         Action::Abort

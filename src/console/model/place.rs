@@ -1,6 +1,6 @@
 //! Where the operator is: the view, its pane, row and filter, the version it is about, and how charts stand.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use super::told::StoryLine;
@@ -134,6 +134,10 @@ pub struct ViewState {
     pub filters: BTreeMap<View, String>,
     /// The filter of the story, which stands beside the overview's; empty for none.
     pub story_filter: String,
+    /// What was searched for last, in a list that hides nothing.
+    pub sought: String,
+    /// Alarms that are marked, by name: what acknowledges takes them all.
+    pub marked: BTreeSet<String>,
     /// The record that the audit view shows raw; absent for the list.
     pub opened: Option<OpenedRecord>,
     /// The version that Candidate and Shadow are about; absent for the newest candidate.

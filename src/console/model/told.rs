@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::framing::Framing;
 use super::headway::Headway;
+use super::order::{SortBy, SortOrder};
 use holdpoint_engine::host::EndFault;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
@@ -92,8 +93,32 @@ pub struct Listing {
     pub page: Arc<RegistryPage>,
     /// What was asked for.
     pub group: VersionGroup,
+    /// The order of the rows.
+    pub sort: SortOrder,
+    /// Places of the page's rows in that order; empty for the tree as it comes.
+    pub places: Vec<usize>,
     /// Families whose branch is closed.
     pub closed: BTreeSet<Family>,
+}
+
+impl Listing {
+    /// Another page, in the order that was chosen.
+    pub fn take(&mut self, page: RegistryPage) {
+        self.page = Arc::new(page);
+        self.places = self.sort.places(&self.page.rows);
+    }
+
+    /// Another order for the page.
+    pub fn sort_by(&mut self, sort: SortOrder) {
+        self.sort = sort;
+        self.places = sort.places(&self.page.rows);
+    }
+
+    /// Whether the rows are one list and not a tree.
+    #[must_use]
+    pub fn is_flat(&self) -> bool {
+        self.sort.by != SortBy::Tree
+    }
 }
 
 impl Told {

@@ -187,6 +187,7 @@ impl Showing {
             }
             // The mouse was not taken, and no engine is here to tell the rest.
             msg::MsgKind::Wheel(_)
+            | msg::MsgKind::Click(..)
             | msg::MsgKind::EngineStarted
             | msg::MsgKind::Events(_)
             | msg::MsgKind::Answer { .. }
@@ -198,6 +199,7 @@ impl Showing {
             | msg::MsgKind::Operator(_)
             | msg::MsgKind::Done { .. }
             | msg::MsgKind::NoIdentity { .. }
+            | msg::MsgKind::OwnFiles { .. }
             | msg::MsgKind::Completions { .. }
             | msg::MsgKind::Unsigned { .. }
             | msg::MsgKind::Theme(_)

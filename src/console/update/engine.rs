@@ -122,7 +122,7 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
             Vec::new()
         }
         Reply::Registry { page } => {
-            model.told.registry.page = Arc::new(page);
+            model.told.registry.take(page);
             Vec::new()
         }
         Reply::Audit { page } => {

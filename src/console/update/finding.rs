@@ -1,9 +1,11 @@
 //! The cursor goes to what is typed, in views that nothing may be filtered from.
 
 use super::moving::set_row;
+use super::refuse;
 use crate::audit;
+use crate::effect::Effect;
 use crate::model::{Model, OpenedRecord, Typing, View};
-use crate::rows::said;
+use crate::rows::whole;
 
 /// Puts the cursor on the next row that contains what is typed, from where it is and then from the top. It stays if
 /// there is none.
@@ -21,6 +23,30 @@ pub(super) fn look(model: &mut Model) {
     if let Some(row) = found(model, line.text()) {
         set_row(model, row);
     }
+}
+
+/// Where what was searched for stands next, after the row under the cursor.
+pub(super) fn next(model: &mut Model) -> Vec<Effect> {
+    let sought = model.place.sought.clone();
+    if sought.is_empty() {
+        return refuse(model, "nothing was searched for yet; / begins a search in a list that hides nothing");
+    }
+    let wanted = sought.to_lowercase();
+    let is_in = |text: &String| text.to_lowercase().contains(&wanted);
+    let lines = model.opened_record().map(audit::raw);
+    let (texts, at) = match (&lines, model.place.opened) {
+        (Some(lines), Some(opened)) => (lines.clone(), opened.scroll),
+        _ => (texts(model), model.row()),
+    };
+    let after = (at + 1..texts.len()).chain(0..=at.min(texts.len().saturating_sub(1)));
+    let Some(found) = after.into_iter().find(|row| texts.get(*row).is_some_and(is_in)) else {
+        return refuse(model, &format!("{sought:?} is not in this list"));
+    };
+    match (&lines, &mut model.place.opened) {
+        (Some(_), Some(opened)) => opened.scroll = found,
+        _ => set_row(model, found),
+    }
+    Vec::new()
 }
 
 pub(super) fn is_there(model: &Model, text: &str) -> bool {
@@ -48,7 +74,7 @@ fn texts(model: &Model) -> Vec<String> {
             alarms.map(|alarm| format!("{} {} {}", alarm.alarm, alarm.subject, alarm.text)).collect()
         }
         View::Approvals => model.waiting_rows().iter().map(|row| row.version().to_string()).collect(),
-        View::Candidate => model.candidate_rows(model.place.pane()).iter().map(said).collect(),
+        View::Candidate => model.candidate_rows(model.place.pane()).iter().map(whole).collect(),
         View::Shadow => model.disagreement_rows().iter().map(|row| row.text.clone()).collect(),
         View::Overview | View::Registry | View::Audit => Vec::new(),
     }

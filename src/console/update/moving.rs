@@ -4,7 +4,7 @@ use super::{asking, refuse, show};
 use crate::action::Action;
 use crate::audit;
 use crate::effect::Effect;
-use crate::model::{ListCursor, Model, OpenedRecord, Overlay, STORY_PANE, View};
+use crate::model::{ListCursor, Model, OpenedRecord, Overlay, STORY_PANE, SortOrder, View};
 use crate::prompt::Prompt;
 use crate::rows::{RegistryItem, WaitingItem};
 use holdpoint_governance::ids::Family;
@@ -100,9 +100,37 @@ pub(super) fn has_slipped(model: &Model) -> bool {
     model.place.slipped_ms.is_some_and(|at_ms| model.now_ms.saturating_sub(at_ms) < SLIP_MS)
 }
 
+/// The next column of the registry's rows, or the other way round. Every other list has its order for a reason.
+pub(super) fn sort(model: &mut Model, action: Action) -> Vec<Effect> {
+    if let Some(why) = unsorted(model) {
+        return refuse(model, why);
+    }
+    let SortOrder { by, reversed } = model.told.registry.sort;
+    let sort = match action {
+        Action::Sort => SortOrder { by: by.next(), reversed: false },
+        _ => SortOrder { by, reversed: !reversed },
+    };
+    model.told.registry.sort_by(sort);
+    let way = if sort.reversed { ", turned round" } else { "" };
+    super::tell(model, format!("sorted by {}{way}", sort.by.words()), false);
+    Vec::new()
+}
+
+/// Why the list of the view is in no other order; absent if it can be.
+pub(super) const fn unsorted(model: &Model) -> Option<&'static str> {
+    match model.place.view {
+        View::Registry => None,
+        View::Alarms => Some("alarms stand in the order of attention"),
+        View::Approvals => Some("what waits stands in the order of its deadlines"),
+        View::Overview | View::Candidate | View::Shadow | View::Audit => {
+            Some("this list stands in the order in which things happened; the registry can be sorted")
+        }
+    }
+}
+
 /// In the registry the branch opens and closes; elsewhere the pane changes.
 fn sideways(model: &mut Model, right: bool) -> Vec<Effect> {
-    if model.place.view != View::Registry {
+    if model.place.view != View::Registry || model.told.registry.is_flat() {
         return step_pane(model, right);
     }
     let family = match model.registry_rows().get(model.row()) {
@@ -131,6 +159,11 @@ fn set_branch(model: &mut Model, family: Family, open: bool) {
 fn step_pane(model: &mut Model, forward: bool) -> Vec<Effect> {
     let count = model.place.view.panes().len().max(1);
     let next = if forward { model.place.pane() + 1 } else { model.place.pane() + count - 1 } % count;
+    to_pane(model, next)
+}
+
+/// Gives a pane of the view the keys.
+pub(super) fn to_pane(model: &mut Model, next: usize) -> Vec<Effect> {
     if let Some(pane) = model.place.panes.get_mut(model.place.view as usize) {
         *pane = next;
     }

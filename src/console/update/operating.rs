@@ -1,6 +1,6 @@
 //! What an operator does to versions and alarms: which form opens, and why not.
 
-use super::{asking, overlays, refuse, tell};
+use super::{asking, marking, overlays, refuse, seating, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent, NOBODY};
@@ -23,7 +23,7 @@ pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> 
 }
 
 /// Opens a form, or says at once that somebody must say who they are: not after a reason was typed.
-fn open(model: &mut Model, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
+pub(super) fn open(model: &mut Model, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
     if let Some(absence) = model.absence().filter(|_| !intent.stops()) {
         return refuse(model, &absence.problem().sentence());
     }
@@ -116,7 +116,7 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
         Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
         Intent::ResetAlarm(name) => return alarm_lines(alarm_now(model, name)?, Action::ResetAlarm),
         Intent::Register(_) => return Ok(register_lines()),
-        Intent::Identity(name) => return Ok(identity_lines(name)),
+        Intent::Identity(name) => return Ok(seating::lines(name)),
         Intent::Quit => return Ok(quit_lines(model)),
     };
     let (intent, lines) = intent(model, action, id)?;
@@ -270,26 +270,6 @@ pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
     }
 }
 
-/// Nobody of this name is known. Where an unprotected key is enough to act, somebody who typed the name is offered to
-/// make it.
-pub(super) fn nobody(model: &mut Model, name: String, text: String) -> Vec<Effect> {
-    let sim = model.told.snapshot.as_ref().is_some_and(|now| now.profile == ProfileName::Sim);
-    let typed = model.seat.wanted.take().is_some_and(|wanted| wanted == name);
-    if !(sim && typed && model.absence().is_none() && !model.settings.read_only) {
-        return refuse(model, &text);
-    }
-    let lines = identity_lines(&name);
-    open(model, Intent::Identity(name), lines)
-}
-
-fn identity_lines(name: &str) -> Vec<String> {
-    vec![
-        format!("Nobody here is called {name}; it is made as an operator and goes on record"),
-        "Its key has no passphrase: enough to act in a simulated cell, and for no approval beside people"
-            .to_owned(),
-    ]
-}
-
 /// Opens the form that gives the agent of the live cell a goal.
 pub(super) fn goal(model: &mut Model, goal: String) -> Vec<Effect> {
     let lines = goal_lines(model);
@@ -439,15 +419,16 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
     };
     let by = model.seat.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
     match action {
+        Action::Acknowledge if !model.place.marked.is_empty() => marking::acknowledge(model, &by),
         Action::Acknowledge => {
-            if let Err(why) = takes(&alarm, action) {
+            if let Err(why) = marking::takes(&alarm, action) {
                 return refuse(model, &why);
             }
             let what = format!("acknowledge {}", alarm.alarm);
             asking::ask(model, what, Question::Acknowledge { alarm: alarm.alarm, by })
         }
         Action::Unshelve => {
-            if let Err(why) = takes(&alarm, action) {
+            if let Err(why) = marking::takes(&alarm, action) {
                 return refuse(model, &why);
             }
             let what = format!("unshelve {}", alarm.alarm);
@@ -461,21 +442,8 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
     }
 }
 
-/// Whether an alarm takes this as it stands, or why not.
-pub(super) fn takes(alarm: &AlarmView, action: Action) -> Result<(), String> {
-    match action {
-        Action::Acknowledge if alarm.acknowledged_by.is_some() => {
-            Err("somebody has acknowledged it already".to_owned())
-        }
-        Action::Acknowledge => Ok(()),
-        Action::Unshelve if alarm.shelf.is_none() => Err("it is not shelved".to_owned()),
-        Action::Unshelve => Ok(()),
-        _ => alarm_lines(alarm, action).map(drop),
-    }
-}
-
 /// What shelving or resetting an alarm does, or why it is not possible.
-fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<String>, String> {
+pub(super) fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<String>, String> {
     if action == Action::Shelve {
         if !alarm.priority.can_be_shelved() {
             return Err("a critical alarm stays in sight: it cannot be shelved".to_owned());

@@ -2,7 +2,7 @@
 //!
 //! Asks the same rules that answer the key itself. Must change nothing.
 
-use super::{ZOOM_MAX, brakes, means_something, moving, operating, works_without_engine};
+use super::{ZOOM_MAX, brakes, marking, means_something, moving, operating, works_without_engine};
 use crate::action::Action;
 use crate::model::{Model, View};
 use holdpoint_governance::ids::CapabilityId;
@@ -12,12 +12,14 @@ pub struct Possible<'a> {
     model: &'a Model,
     /// The version under the cursor.
     here: Option<CapabilityId>,
+    /// Rows of the list that has the keys: they may be many, and are counted once.
+    rows: usize,
 }
 
 impl<'a> Possible<'a> {
     #[must_use]
     pub fn of(model: &'a Model) -> Self {
-        Self { model, here: model.version_here() }
+        Self { model, here: model.version_here(), rows: model.row_count() }
     }
 
     /// Why an action would be refused now; absent if it would not. That a console is read-only is said beside it.
@@ -56,8 +58,11 @@ impl<'a> Possible<'a> {
                 let rows = model.alarm_rows();
                 let alarm = rows.get(model.row()).map(|item| item.alarm());
                 let alarm = alarm.ok_or_else(|| "no alarm is under the cursor".to_owned());
-                alarm.and_then(|alarm| operating::takes(alarm, action))
+                alarm.and_then(|alarm| marking::takes(alarm, action))
             }
+            A::Sort | A::SortReverse => moving::unsorted(model).map_or(Ok(()), |why| Err(why.to_owned())),
+            A::FindNext if model.place.sought.is_empty() => Err("nothing was searched for yet".to_owned()),
+            A::Mark if model.alarm_rows().is_empty() => Err("no alarm is under the cursor".to_owned()),
             A::OpenRecording if model.place.view != View::Overview => version().map(drop),
             _ => Ok(()),
         };
@@ -79,7 +84,7 @@ impl<'a> Possible<'a> {
             A::Open => match model.place.view {
                 View::Overview => self.here.is_some(),
                 View::Alarms => self.here.is_some(),
-                View::Registry | View::Approvals | View::Audit => model.row_count() > 0,
+                View::Registry | View::Approvals | View::Audit => self.rows > 0,
                 View::Shadow => self.here.is_some(),
                 View::Candidate => true,
             },
@@ -87,7 +92,7 @@ impl<'a> Possible<'a> {
             A::ShowApprovals => !model.waiting_rows().is_empty(),
             A::JumpToAlarm => model.alarm_rows().iter().any(|item| item.alarm().state.calls()),
             A::Copy => moving::copied(model).is_some(),
-            A::Filter => model.row_count() > 1 || !model.filter().is_empty(),
+            A::Filter => self.rows > 1 || !model.place.filter().is_empty(),
             A::Freeze => model.told.snapshot.is_some(),
             A::ZoomIn => self.charts() && model.place.zoom < ZOOM_MAX,
             A::ZoomOut => model.place.zoom > 0,

@@ -103,6 +103,7 @@ fn finish(model: &mut Model) -> Vec<Effect> {
     match model.entry.typing.take() {
         None => Vec::new(),
         Some(Typing::Find(line)) => {
+            line.text().clone_into(&mut model.place.sought);
             if !finding::is_there(model, line.text()) {
                 tell(model, format!("{:?} is not in this list", line.text()), true);
             }

@@ -37,8 +37,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let cursor = model.place.cursor().min(rows.len().saturating_sub(1));
     let mut at = 1;
     let place = Row::of(ThemeRole::Muted, &place(rows.len(), cursor));
-    let width = usize::from(area.width);
-    pen.row(area, 0, &tabs::panes(model).to_column(width.saturating_sub(place.width())).and(place));
+    tabs::draw_panes(model, place, pen, area);
     let inside = area;
     pen.row(inside, at, &verified(model, pen));
     at += 1;

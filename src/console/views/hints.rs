@@ -149,6 +149,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
             A::Open,
             A::NextPane,
             A::Filter,
+            A::Sort,
             A::Rollback,
             A::Resume,
             A::Demote,
@@ -173,7 +174,9 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (None, View::Shadow) => {
             &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Resume, A::Abort]
         }
-        (None, View::Alarms) => &[A::Acknowledge, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort],
+        (None, View::Alarms) => {
+            &[A::Acknowledge, A::Mark, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort]
+        }
         (None, View::Approvals) => &[A::Open, A::Continue, A::Rollback, A::Abort],
         (None, View::Audit) => &[A::Open, A::NextPane, A::Verify, A::Filter, A::Copy, A::Export],
     };

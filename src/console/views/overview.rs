@@ -17,7 +17,7 @@ use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::rows::{CandidateItem, WaitingItem};
 use crate::widgets::list::place;
-use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::duration;
 
@@ -42,7 +42,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 fn one(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    pen.row(area, 0, &tabs::panes(model));
+    tabs::draw_panes(model, Row::new(), pen, area);
     let area = below(area, 1);
     match model.place.pane() {
         ROBOT => robot::draw(model, pen, area),
@@ -93,6 +93,7 @@ fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let focused = model.place.pane() == PIPELINE;
     let count = model.pipeline_rows().len();
     let cursor = if focused { model.row() } else { 0 };
+    pen.hit(area, Hit::Pane(PIPELINE));
     let inside = pen.pane(bottom, "Pipeline", focused, &place(count, cursor));
     pipeline::draw(model, pen, inside, focused);
 }
@@ -132,6 +133,7 @@ fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         .as_ref()
         .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
         .unwrap_or_default();
+    pen.hit(area, Hit::Pane(ROBOT));
     let inside = pen.pane(area, "Robot", model.place.pane() == ROBOT, &at);
     robot::draw(model, pen, inside);
 }
@@ -146,6 +148,7 @@ fn story_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         let (shown, all) = (model.story_rows().len(), model.story().len());
         format!("{shown} of {all} lines with {:?}, newest first", super::short(filter, 24))
     };
+    pen.hit(area, Hit::Pane(STORY));
     let inside = pen.pane(area, "Story", focused, &right);
     let inside = super::frozen(model, pen, inside);
     story::draw(model, pen, inside, focused);

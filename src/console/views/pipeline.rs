@@ -16,7 +16,7 @@ use crate::model::{Headway, Model};
 use crate::theme::Mark;
 use crate::widgets::bar::progress;
 use crate::widgets::list::GUTTER;
-use crate::widgets::pen::{Pen, below};
+use crate::widgets::pen::{Hit, Pen, below};
 use crate::widgets::row::{Row, wrap};
 use crate::words::{MONITOR_PLACE, STAGES, duration, reason_line, stage_place, stages_done, waits_for};
 use holdpoint_governance::lifecycle::State;
@@ -64,6 +64,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
         let inner =
             Rect { x: area.x + GUTTER.min(area.width), width: area.width.saturating_sub(GUTTER), ..area };
         let taken = pen.rows(inner, at, &block);
+        let place = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
+        pen.hit(place, Hit::Row { pane: Some(0), row: index });
         if focused && index == cursor {
             pen.row(area, at, &Row::of(ThemeRole::Text, pen.look.glyph(Glyph::Here)));
             pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);

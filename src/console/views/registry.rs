@@ -12,7 +12,7 @@ use ratatui::layout::Rect;
 
 use super::tabs;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::Model;
+use crate::model::{Model, SortBy, SortOrder};
 use crate::rows::RegistryItem;
 use crate::widgets::bar::against_limit;
 use crate::widgets::list::{GUTTER, place};
@@ -71,11 +71,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let total = model.told.registry.page.total;
     let shown = model.told.registry.page.rows.len() as u64;
     let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
-    let head = tabs::panes(model);
     let place = format!("{}  {right}", place(items.len(), cursor));
     let place = Row::of(ThemeRole::Muted, place.trim_end());
     let width = usize::from(area.width);
-    pen.row(area, 0, &head.to_column(width.saturating_sub(place.width())).and(place));
+    tabs::draw_panes(model, place, pen, area);
     let area = below(area, 1);
     if items.is_empty() {
         let text =
@@ -87,7 +86,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let look = pen.look;
     // Half an age is none: where there is no room for the widest, the lines below tell it alone.
     let has_age = columns.before_age() + AGE_WIDTH <= width;
-    pen.row(area, 0, &header(&columns, has_age, look));
+    pen.row(area, 0, &header(&columns, has_age, model.told.registry.sort, look));
     // Of what is under the cursor a large screen says more, and the list keeps what it needs.
     let left = area.height.saturating_sub(1 + u16::try_from(items.len()).unwrap_or(u16::MAX));
     let detail_rows = left.clamp(DETAIL_ROWS, (area.height / 3).max(DETAIL_ROWS));
@@ -103,7 +102,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             )
         }
         Some(RegistryItem::Version(row)) => {
-            let line = version(row, limits, has_age.then_some(now_ms), &columns, look);
+            let flat = model.told.registry.is_flat();
+            let line = version(row, flat, limits, has_age.then_some(now_ms), &columns, look);
             if columns.by > 0 { line.and(beside(model, row, &columns)) } else { line }
         }
         None => Row::new(),
@@ -111,21 +111,29 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     detail(model, items.get(cursor), pen, foot);
 }
 
-fn header(columns: &Columns, has_age: bool, look: &Look) -> Row {
+/// The columns' names; the one that the rows are in the order of has a sign.
+fn header(columns: &Columns, has_age: bool, sort: SortOrder, look: &Look) -> Row {
+    let sign = look.glyph(if sort.reversed { Glyph::Up } else { Glyph::Down });
+    let said = |by: SortBy, word: &str| {
+        let marked = sort.by == by && sort != SortOrder::default();
+        if marked { format!("{word}{sign}") } else { word.to_owned() }
+    };
     let mut row = Row::new()
         .to_column(usize::from(GUTTER))
-        .cell(ThemeRole::Muted, "version", columns.name)
-        .cell(ThemeRole::Muted, "state", columns.state)
+        .cell(ThemeRole::Muted, &said(SortBy::Tree, "version"), columns.name)
+        .cell(ThemeRole::Muted, &said(SortBy::State, "state"), columns.state)
         .with(ThemeRole::Text, " ");
-    for dimension in DIMENSIONS {
-        row = row.cell(ThemeRole::Muted, kappa_sign(dimension, look.ascii()), columns.kappa());
+    for (place, dimension) in DIMENSIONS.into_iter().enumerate() {
+        let word = said(SortBy::Kappa(place), kappa_sign(dimension, look.ascii()));
+        row = row.cell(ThemeRole::Muted, &word, columns.kappa());
     }
-    let age = if has_age { " age" } else { "" };
+    let age = if has_age { said(SortBy::Age, " age") } else { String::new() };
+    let age = age.as_str();
     if columns.by == 0 {
         return row.with(ThemeRole::Muted, age);
     }
     row.cell(ThemeRole::Muted, age, AGE_WIDTH + 3)
-        .cell(ThemeRole::Muted, "made by", columns.by)
+        .cell(ThemeRole::Muted, &said(SortBy::Author, "made by"), columns.by)
         .with(ThemeRole::Muted, "why it stands there")
 }
 
@@ -141,13 +149,15 @@ fn beside(model: &Model, row: &VersionSummary, columns: &Columns) -> Row {
 
 fn version(
     row: &VersionSummary,
+    flat: bool,
     limits: [f64; 4],
     now_ms: Option<u64>,
     columns: &Columns,
     look: &Look,
 ) -> Row {
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
-    let name = format!("  {}{baseline}", row.version.version);
+    // In one list a version's family is no heading above it.
+    let name = if flat { row.version.to_string() } else { format!("  {}{baseline}", row.version.version) };
     let mut line = Row::new()
         .cell(ThemeRole::Text, &name, columns.name)
         .and(super::stands(row.state, &row.flags, columns.state, look))

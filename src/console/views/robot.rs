@@ -180,7 +180,7 @@ impl Scale {
     /// The scale at which the workspace and everything that moves can be seen. What stands round them may be cut.
     fn fitting(taken: &Taken<'_>, plane: Plane, size: (usize, usize)) -> Self {
         let mut framing = taken.framing;
-        for region in &taken.scenery.workspace {
+        if let Some(region) = &taken.scenery.workspace {
             framing.reach(region.min.map(|value| value - MARGIN_M));
             framing.reach(region.max.map(|value| value + MARGIN_M));
         }

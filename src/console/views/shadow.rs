@@ -17,7 +17,7 @@ use crate::model::{MONITORS_PANE, Model};
 use crate::widgets::bar::against_limit;
 use crate::widgets::chart::Chart;
 use crate::widgets::list::place;
-use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::reason_line;
 use holdpoint_engine::explain::is_in_favour;
@@ -59,7 +59,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let area = super::frozen(model, pen, below(area, 1 + taken));
     match pen.fit {
         Fit::Tiny | Fit::One => {
-            pen.row(area, 0, &tabs::panes(model));
+            tabs::draw_panes(model, Row::new(), pen, area);
             let area = below(area, 1);
             match model.place.pane() {
                 CHARTS => charts(model, shadow, pen, area),
@@ -84,6 +84,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             }
             let rows = model.disagreement_rows().len();
             let focused = pane == DISAGREEMENTS;
+            pen.hit(upper, Hit::Pane(CHARTS));
+            pen.hit(lower, Hit::Pane(DISAGREEMENTS));
             let inside = pen.pane(
                 lower,
                 "Disagreements, newest first",

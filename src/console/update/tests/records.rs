@@ -146,3 +146,199 @@ fn the_tour_takes_one_line() {
     let with = screen(&console, 80, 24);
     assert_eq!(with.lines().nth(3), without.lines().nth(2), "the view begins one line further down");
 }
+
+fn listed(console: &mut TestConsole) {
+    let row = |version: &str, state: &str, behavior: Option<f64>, changed_ms: u64| {
+        json!({ "version": version, "state": state, "row_version": 1, "flags": flags(false, false),
+            "kappas": [1.0, 1.0, behavior, null], "baseline": false, "author": "cora", "provenance": "manual",
+            "risk": "low", "changed_ms": changed_ms })
+    };
+    let page = json!({ "reply": "registry", "page": { "total": 4, "thresholds": [0.9, 0.9, 0.9, 0.9], "rows": [
+        row("align@1.0.0", "active", None, 10), row("grasp@1.0.0", "superseded", Some(0.7), 20),
+        row("grasp@1.2.0", "active", Some(0.95), 30), row("grasp@1.10.0", "rejected", Some(0.2), 40)] } });
+    let reply = Box::new(serde_json::from_value(page).unwrap());
+    console.tell(MsgKind::Answer { id: "x".to_owned(), reply });
+}
+
+/// The versions of the registry's rows, in their order.
+fn versions(console: &TestConsole) -> Vec<String> {
+    let rows = console.model.registry_rows();
+    let version = |row: &crate::rows::RegistryItem<'_>| match row {
+        crate::rows::RegistryItem::Version(row) => Some(row.version.to_string()),
+        crate::rows::RegistryItem::Family { .. } => None,
+    };
+    rows.iter().filter_map(version).collect()
+}
+
+#[test]
+fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
+    let mut console = TestConsole::new(0);
+    console.keys("2");
+    listed(&mut console);
+    let tree = ["align@1.0.0", "grasp@1.0.0", "grasp@1.2.0", "grasp@1.10.0"];
+    assert_eq!(versions(&console), tree);
+    assert_eq!(console.model.row_count(), 6, "families are rows of the tree");
+    // The cursor stays on its version, wherever that is now.
+    console.keys("G");
+    console.keys("ssss");
+    assert_eq!(
+        versions(&console),
+        ["grasp@1.10.0", "grasp@1.0.0", "grasp@1.2.0", "align@1.0.0"],
+        "behaviour"
+    );
+    assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("kBv") && text.contains("grasp@1.10.0"), "{text}");
+    console.keys("S");
+    assert_eq!(
+        versions(&console),
+        ["grasp@1.2.0", "grasp@1.0.0", "grasp@1.10.0", "align@1.0.0"],
+        "turned round; what is not measured stays last"
+    );
+    // A page that comes anew keeps the order.
+    listed(&mut console);
+    assert_eq!(versions(&console)[0], "grasp@1.2.0");
+    console.keys("ss");
+    assert_eq!(versions(&console)[0], "grasp@1.10.0", "the newest change first");
+    console.keys("ss");
+    assert_eq!(versions(&console), tree);
+    console.keys("S");
+    assert_eq!(versions(&console), ["align@1.0.0", "grasp@1.10.0", "grasp@1.2.0", "grasp@1.0.0"]);
+    console.keys("5s");
+    assert!(console.model.notice.as_ref().is_some_and(|said| said.text.contains("order of attention")));
+}
+
+#[test]
+fn details_are_searched_and_n_goes_on() {
+    let mut console = TestConsole::new(0);
+    console.keys("3");
+    let value = json!({
+        "version": CANDIDATE, "against": "grasp@1.2.0", "parent": null, "digest": digest('a'), "summary": "",
+        "author": "cora", "provenance": "manual", "risk": "low", "registered_ms": 0, "dimensions": [],
+        "composite": null, "reasons": [], "conditions": [], "behavior": [], "modes": [],
+        "differences": [
+            { "field": "params.speed", "old": 1, "new": 2 }, { "field": "params.grip", "old": "soft", "new": "hard" },
+            { "field": "params.lift", "old": null, "new": 3 }, { "field": "params.drop", "old": "hard", "new": null }],
+        "drills": [], "decisions": [], "audit": [], "evidence": null, "untested": [] });
+    console.model.told.detail = Some(Arc::new(serde_json::from_value(value).unwrap()));
+    console.press(KeyCode::Tab);
+    // By a value, and not only by the field's name.
+    console.keys("/HARD");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.row(), 1);
+    console.keys("n");
+    assert_eq!(console.model.row(), 3);
+    console.keys("n");
+    assert_eq!(console.model.row(), 1, "from the top again");
+    let mut other = TestConsole::new(0);
+    other.keys("n");
+    assert!(
+        other
+            .model
+            .notice
+            .as_ref()
+            .is_some_and(|said| said.bad && said.text.contains("nothing was searched"))
+    );
+}
+
+/// The place of a text on the screen of the model's size.
+fn place(console: &TestConsole, wanted: &str) -> (u16, u16) {
+    let (columns, rows) = console.model.size;
+    let text = screen(console, columns, rows);
+    let found = text.lines().enumerate().find_map(|(row, line)| Some((line.find(wanted)?, row)));
+    let (column, row) = found.unwrap_or_else(|| panic!("{wanted:?} is not there:\n{text}"));
+    (u16::try_from(column).unwrap(), u16::try_from(row).unwrap())
+}
+
+#[test]
+fn a_click_leads_where_it_points_and_decides_nothing() {
+    let mut console = TestConsole::new(0);
+    console.model.size = (120, 36);
+    console.model.settings.mouse = true;
+    let click = |console: &mut TestConsole, wanted: &str| {
+        let (column, row) = place(console, wanted);
+        console.tell(MsgKind::Click(column, row))
+    };
+    click(&mut console, "5 Alarms");
+    assert_eq!(console.model.place.view, View::Alarms);
+    click(&mut console, "3o LOW");
+    click(&mut console, "1^ CRIT  # latched");
+    assert_eq!(console.model.row(), 3, "the alarm that was pointed at");
+    click(&mut console, "2 Registry");
+    listed(&mut console);
+    click(&mut console, "Candidates");
+    assert_eq!(console.model.place.pane(), 2);
+    click(&mut console, "All");
+    click(&mut console, "1.10.0");
+    assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
+    console.now_ms += 1_000;
+    click(&mut console, "1.10.0");
+    assert_eq!(console.model.place.view, View::Candidate, "what is under the cursor opens");
+    click(&mut console, "1 Overview");
+    click(&mut console, "Story");
+    assert_eq!(console.model.place.pane(), STORY_PANE);
+    click(&mut console, CANDIDATE);
+    assert_eq!(console.model.place.pane(), 0);
+    // Nothing over the view takes a click: no button of a form or a question is one.
+    for open in ["x", "a"] {
+        console.keys("1");
+        console.keys(open);
+        console.press(KeyCode::Enter);
+        if open == "x" {
+            console.keys("x");
+        }
+        let before = console.model.clone();
+        assert!(before.entry.overlay.is_some(), "{open}");
+        for row in 0..36 {
+            for column in (0..120).step_by(3) {
+                assert!(console.tell(MsgKind::Click(column, row)).is_empty());
+            }
+        }
+        assert_eq!(console.model.entry, before.entry, "{open}");
+        console.press(KeyCode::Esc);
+    }
+    console.model.settings.mouse = false;
+    console.keys("1");
+    click(&mut console, "5 Alarms");
+    assert_eq!(console.model.place.view, View::Overview, "the mouse was given back");
+}
+
+#[test]
+fn every_marked_alarm_is_acknowledged_by_one_key() {
+    let mut console = TestConsole::new(0);
+    console.keys("5g");
+    console.keys("mmm");
+    assert_eq!(console.model.place.marked.len(), 3);
+    assert!(screen(&console, 100, 30).contains("LOW-"), "{}", screen(&console, 100, 30));
+    let effects = console.keys(" ");
+    let named: Vec<&str> = effects
+        .iter()
+        .filter_map(|effect| match effect {
+            Effect::Ask { question: Question::Acknowledge { alarm, by }, .. } if by == "ana" => {
+                Some(alarm.as_str())
+            }
+            _ => None,
+        })
+        .collect();
+    // The third is acknowledged already.
+    assert_eq!(named, ["low:1", "high:1"]);
+    console.keys(" ");
+    assert!(console.model.place.marked.is_empty());
+    assert!(console.keys("gm").is_empty() && console.model.place.marked.len() == 1);
+    console.keys("gm");
+    assert!(console.model.place.marked.is_empty(), "the same key takes the mark away");
+}
+
+#[test]
+fn changed_files_of_keys_and_themes_are_taken_in() {
+    let mut console = TestConsole::new(0);
+    console.now_ms += 5_000;
+    assert!(console.tell(MsgKind::Tick).contains(&Effect::LookAtOwnFiles));
+    assert!(!console.tell(MsgKind::Tick).contains(&Effect::LookAtOwnFiles), "not at every tick");
+    let keymap = Keymap::with_file("keys.toml", "[keys]\nalarms = [\"f5\"]\n").unwrap();
+    let themes = vec!["calm-dark".to_owned(), "dusk".to_owned()];
+    console.tell(MsgKind::OwnFiles { keymap: Arc::new(keymap), themes });
+    console.press(KeyCode::F(5));
+    assert_eq!(console.model.place.view, View::Alarms);
+    assert_eq!(console.keys("T"), [Effect::UseTheme("dusk".to_owned())]);
+}
