@@ -4,6 +4,7 @@
 
 pub mod script;
 
+mod commands;
 mod driver;
 mod notify;
 mod outcome;

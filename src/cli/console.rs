@@ -8,10 +8,11 @@ use std::sync::Arc;
 
 use super::own_service::OwnService;
 use super::run::{LivePace, RunArgs};
-use super::settings::{file, themes};
+use super::settings::{self, file, themes};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
+use holdpoint_console::effects::{OwnFiles, ReadOwnFiles};
 use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{Cause, Console, ConsoleError, EngineAt};
@@ -71,6 +72,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
         keymap,
         themes: themes()?,
         candidates: Box::new(Candidates::default().reader()),
+        own_files: own_files(),
     };
     let left = holdpoint_console::run::run(console).map_err(|error| match &error {
         ConsoleError::Failed => CliError::internal(error),
@@ -153,6 +155,20 @@ pub(super) fn settings() -> Result<SettingsFile, CliError> {
         Some((name, text)) => Ok(SettingsFile::parse(&name, &text)?),
         None => Ok(SettingsFile::default()),
     }
+}
+
+/// Looks whether keys or themes changed since the last look, and reads both anew if so.
+fn own_files() -> ReadOwnFiles {
+    let mut seen = settings::stamp();
+    Box::new(move || {
+        let now = settings::stamp();
+        if now == seen {
+            return None;
+        }
+        seen = now;
+        let read = keymap().and_then(|keymap| Ok(OwnFiles { keymap: Arc::new(keymap), themes: themes()? }));
+        Some(read.map_err(|error| Problem::new(error.to_string())))
+    })
 }
 
 /// Candidates for the console's `register`: folders, and the demonstration's in their order.

@@ -157,6 +157,8 @@ impl EngineVerbs for RealEngine {
                     json,
                     pace: args.pace.and_then(run::LivePace::times),
                     sinks: args.scenes.options(true).sinks()?,
+                    // Where it was chosen for want of a terminal, the input is somebody else's.
+                    commands: args.plain,
                 };
                 run_plain(run, out.sink())
             }
@@ -221,6 +223,7 @@ impl EngineVerbs for RealEngine {
             json: context.json,
             pace: args.pace.and_then(run::LivePace::times),
             sinks: run::SceneArgs::default().options(context.data_given).sinks()?,
+            commands: false,
         };
         run_plain(run, out.sink())
     }

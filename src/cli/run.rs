@@ -44,7 +44,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE", requires = "headless")]
     pub script: Option<PathBuf>,
     /// Prints one event a line in place of the screen, until every version that waits is settled; also chosen if
-    /// there is no terminal.
+    /// there is no terminal. Asked for by name it takes commands on its input, a verb a line; on a terminal it stays
+    /// until `quit`.
     #[arg(long, conflicts_with = "headless")]
     pub plain: bool,
     /// What the engine is started with.

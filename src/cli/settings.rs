@@ -2,7 +2,8 @@
 //!
 //! Must not judge what is in them: that is for who asked for the file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use super::own_folder::own_folder;
 use crate::error::CliError;
@@ -23,6 +24,23 @@ pub(super) fn file(name: &str, bytes_max: usize) -> Result<Option<(String, Strin
     }
     let text = read_text(&path, bytes_max as u64).map_err(|error| unreadable(&error))?;
     Ok(Some((shown, text)))
+}
+
+/// Name, length and last change of each file of keys and themes: another one after any of them changed. Cheap enough to
+/// be taken every few seconds.
+pub(super) fn stamp() -> Vec<(PathBuf, u64, Option<SystemTime>)> {
+    let Some(folder) = own_folder() else { return Vec::new() };
+    let themes = std::fs::read_dir(folder.join("themes")).into_iter().flatten().flatten();
+    let themes = themes.take(4 * OWN_MAX).map(|entry| entry.path());
+    let files = std::iter::once(folder.join("keys.toml")).chain(themes);
+    let mut stamps: Vec<_> = files
+        .filter_map(|path| {
+            let known = std::fs::metadata(&path).ok()?;
+            Some((path, known.len(), known.modified().ok()))
+        })
+        .collect();
+    stamps.sort();
+    stamps
 }
 
 /// The themes there are: the built-in ones and those in the folder `themes`.

@@ -118,7 +118,7 @@ actions! {
     Tour = "tour", Everywhere, ["."];
     /// Next theme
     NextTheme = "next-theme", Everywhere, ["T"];
-    /// Take the mouse, or give it back to the terminal
+    /// Take the mouse (click, wheel), or give it back to the terminal
     Mouse = "mouse", Everywhere, ["M"];
     /// Copy the focused value (OSC 52)
     Copy = "copy", Everywhere, ["y"];
@@ -150,6 +150,12 @@ actions! {
     NextPane = "next-pane", Lists, ["tab"];
     /// Previous pane
     PreviousPane = "previous-pane", Lists, ["backtab"];
+    /// Sort by the next column
+    Sort = "sort", Lists, ["s"];
+    /// Turn the order round
+    SortReverse = "sort-reverse", Lists, ["S"];
+    /// Find the next place of what was searched for
+    FindNext = "find-next", Lists, ["n"];
     /// Open what is under the cursor; never a side effect
     Open = "open", Lists, ["enter"];
     /// Open the 3D recording of this upgrade
@@ -180,6 +186,8 @@ actions! {
     Rearm = "rearm", Version, ["A"];
     /// Check the whole audit chain
     Verify = "verify", Everywhere, ["v"];
+    /// Mark this alarm, or take its mark away; what acknowledges takes all that are marked
+    Mark = "mark", Alarms, ["m"];
     /// Acknowledge this alarm
     Acknowledge = "acknowledge", Alarms, ["space"];
     /// Shelve this alarm for a time, reason required
@@ -300,6 +308,10 @@ impl Action {
             | Self::Bottom
             | Self::NextPane
             | Self::PreviousPane
+            | Self::Sort
+            | Self::SortReverse
+            | Self::FindNext
+            | Self::Mark
             | Self::Open
             | Self::OpenRecording
             | Self::OpenLive

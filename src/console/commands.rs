@@ -131,6 +131,27 @@ fn drift(text: &str) -> Result<Asked, String> {
     Ok(Asked::Drift(Some(Drift { kind, magnitude })))
 }
 
+/// The goals that are offered; the agent's interpreter may know others.
+const GOALS: [&str; 4] = ["pick-align-place", "grasp", "align", "place"];
+
+/// The paces that are offered.
+const PACES: [&str; 5] = ["1", "2", "5", "10", "max"];
+
+/// Every drift there is, as it is written.
+fn drifts() -> Vec<String> {
+    let kinds = DriftKind::ALL.map(|kind| kind.name().replace('_', "-"));
+    let all = kinds
+        .iter()
+        .flat_map(|kind| Magnitude::ALL.map(|magnitude| format!("{kind} {}", magnitude.name())).into_iter());
+    std::iter::once("off".to_owned()).chain(all).collect()
+}
+
+/// What is typed of a path, if the line takes one: its folder has to be read for what it could become.
+#[must_use]
+pub fn path_of(typed: &str) -> Option<&str> {
+    typed.trim_start().strip_prefix("register ").map(str::trim_start)
+}
+
 /// What can be completed to.
 #[derive(Clone, Copy, Debug)]
 pub struct KnownNames<'a> {
@@ -158,12 +179,17 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     };
     let demos: Vec<String> = holdpoint_engine::embedded::names().map(ToOwned::to_owned).collect();
     let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
+    let own = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+    let (goals, paces, drifts) = (own(&GOALS), own(&PACES), drifts());
     let arguments: &[String] = match word {
         "as" => known.people,
         "theme" => known.themes,
         "candidate" => known.versions,
         "demo" => &demos,
         "close" | "open" => &profiles,
+        "goal" => &goals,
+        "pace" => &paces,
+        "drift" => &drifts,
         _ => &[],
     };
     let rest = rest.trim();
@@ -227,5 +253,14 @@ mod tests {
         assert_eq!(complete("as b", &known), ["as bo"]);
         assert_eq!(complete("demo place-r", &known), ["demo place-robust"]);
         assert!(complete("approve", &known).iter().all(|line| line != "approve"));
+        let versions = ["place@1.0.0".to_owned(), "place@1.1.0".to_owned()];
+        let known = KnownNames { versions: &versions, ..known };
+        assert_eq!(complete("candidate pl", &known), ["candidate place@1.0.0", "candidate place@1.1.0"]);
+        assert_eq!(complete("pace m", &known), ["pace max"]);
+        assert_eq!(path_of("register a/b"), Some("a/b"));
+        assert_eq!(path_of("registry"), None);
+        for line in complete("drift ", &known).into_iter().chain(complete("goal ", &known)) {
+            assert!(parse(&line).is_ok(), "{line}");
+        }
     }
 }

@@ -46,6 +46,15 @@ pub enum Effect {
     ReadIdentities,
     /// Somebody else sits down; the name is checked against the identities.
     UseIdentity(String),
+    /// Read what a folder holds that a typed path could become.
+    ReadFolder {
+        /// The whole line, which the answer names.
+        typed: String,
+        /// The path as far as it is typed.
+        path: String,
+    },
+    /// Make an identity without a passphrase, and sit down as it.
+    MakeIdentity(String),
     /// Put text on the clipboard (OSC 52).
     Copy(String),
     /// Write a view as text and JSON.
@@ -55,6 +64,8 @@ pub enum Effect {
     /// Show the live scene.
     OpenLive,
     UseTheme(String),
+    /// Look whether the operator's own files, keys and themes, changed.
+    LookAtOwnFiles,
     /// Take the mouse, or give it back.
     TakeMouse(bool),
     /// Call for attention once.

@@ -5,18 +5,21 @@
 
 mod clipboard;
 mod export;
+mod folder;
 mod people;
 mod viewer;
 
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use tokio::sync::mpsc;
 
 use self::viewer::ViewerScene;
 use super::effect::Effect;
 use super::form::NOBODY;
+use super::keymap::Keymap;
 use super::look::Look;
 use super::model::{Absence, Model};
 use super::msg::MsgKind;
@@ -35,6 +38,15 @@ const BELL_INTERVAL_MS: u64 = 10_000;
 /// Reads a candidate for registration: the folder, or the next demonstration candidate that is none of the known
 /// versions. Answers the engine's command, or what is wrong.
 pub type ReadCandidate = Box<dyn FnMut(Option<&str>, &[CapabilityId]) -> Result<Command, Problem>>;
+
+/// What an operator's own files say now.
+pub struct OwnFiles {
+    pub keymap: Arc<Keymap>,
+    pub themes: Themes,
+}
+
+/// Looks whether the operator's files changed: nothing if not, else what they say or what is wrong with them.
+pub type ReadOwnFiles = Box<dyn FnMut() -> Option<Result<OwnFiles, Problem>>>;
 
 /// What an effect is carried out on.
 pub struct EffectTarget<'a> {
@@ -77,6 +89,7 @@ pub struct Begun {
 pub struct Hands {
     pub host: Host,
     candidates: ReadCandidate,
+    own_files: ReadOwnFiles,
     themes: Themes,
     exports: Option<PathBuf>,
     errands: mpsc::Sender<Errand>,
@@ -91,12 +104,13 @@ impl Hands {
     pub fn new(
         host: Host,
         candidates: ReadCandidate,
+        own_files: ReadOwnFiles,
         themes: Themes,
         exports: Option<PathBuf>,
         errands: mpsc::Sender<Errand>,
         view: Option<SocketAddr>,
     ) -> Self {
-        Self { host, candidates, themes, exports, errands, view, rung_ms: None }
+        Self { host, candidates, own_files, themes, exports, errands, view, rung_ms: None }
     }
 
     /// Does one thing.
@@ -129,8 +143,13 @@ impl Hands {
             },
             Effect::UseIdentity(name) => match people::find(&self.host.identities(), &name) {
                 Ok(operator) => Outcome::Told(MsgKind::Operator(operator)),
-                Err(problem) => bad(problem.sentence()),
+                Err(problem) => {
+                    let text = Untrusted::new(problem.sentence()).display(WIDTH_MAX).into_string();
+                    Outcome::Told(MsgKind::NoIdentity { name, text })
+                }
             },
+            Effect::MakeIdentity(name) => self.make_identity(name),
+            Effect::ReadFolder { typed, path } => self.read_folder(typed, path),
             Effect::Copy(text) => clipboard::copy(place.screen, &text)?,
             Effect::Export(view) => {
                 let folders = [Some(PathBuf::from(".")), self.exports.clone()];
@@ -148,6 +167,7 @@ impl Hands {
                 }
                 Err(error) => bad(error.sentence()),
             },
+            Effect::LookAtOwnFiles => self.look_at_own_files(place),
             Effect::TakeMouse(take) => {
                 place.terminal.take_mouse(take)?;
                 Outcome::Quiet
@@ -157,6 +177,49 @@ impl Hands {
             Effect::Leave => Outcome::Leave,
             Effect::Detach => Outcome::Detach,
         })
+    }
+
+    /// Takes in keys and themes that changed while the console is open. A file that is wrong changes nothing: what was in
+    /// force stays, and the problem is said.
+    fn look_at_own_files(&mut self, place: &mut EffectTarget<'_>) -> Outcome {
+        match (self.own_files)() {
+            None => Outcome::Quiet,
+            Some(Err(problem)) => bad(format!("not taken in, the old ones stay: {}", problem.sentence())),
+            Some(Ok(files)) => {
+                self.themes = files.themes;
+                // The theme in use may be gone, or another one now.
+                if let Ok(theme) = self.themes.get(place.look.theme().name()) {
+                    *place.look = place.look.with_theme(theme);
+                }
+                Outcome::Told(MsgKind::OwnFiles { keymap: files.keymap, themes: self.themes.names() })
+            }
+        }
+    }
+
+    /// Makes an identity as a person does on the command line, by the same verb: what it checks and puts on record is
+    /// one place's. On a thread of its own, for the engine takes it in.
+    fn make_identity(&self, name: String) -> Outcome {
+        let (tell, folder) = (self.errands.clone(), self.host.identities());
+        let work = move || {
+            let came = match people::make(&folder, &name) {
+                Ok(operator) => MsgKind::Operator(operator),
+                Err(problem) => told(&problem.sentence(), true),
+            };
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(Errand::Told(came)));
+        };
+        aside("identity", String::new(), work)
+    }
+
+    /// What a typed path could become. A folder may be slow to answer: on a thread of its own.
+    fn read_folder(&self, typed: String, path: String) -> Outcome {
+        let tell = self.errands.clone();
+        let work = move || {
+            let lines = folder::completions(&typed, &path);
+            // The console may have ended meanwhile.
+            drop(tell.blocking_send(Errand::Told(MsgKind::Completions { typed, lines })));
+        };
+        aside("folder", String::new(), work)
     }
 
     /// Whether there is a key of this name.
@@ -294,7 +357,11 @@ fn good(text: String) -> Outcome {
 }
 
 fn bad(text: String) -> Outcome {
-    Outcome::Told(MsgKind::Done { text: Untrusted::new(text).display(WIDTH_MAX).into_string(), bad: true })
+    Outcome::Told(told(&text, true))
+}
+
+fn told(text: &str, bad: bool) -> MsgKind {
+    MsgKind::Done { text: Untrusted::new(text).display(WIDTH_MAX).into_string(), bad }
 }
 
 fn refused(id: String, code: Refusal, problem: &impl Hint) -> Outcome {

@@ -54,6 +54,8 @@ pub enum Intent {
     ResetAlarm(String),
     /// Submit a candidate: a folder, or the next demonstration candidate.
     Register(Option<String>),
+    /// Make an identity of this name, without a passphrase, and sit down as it.
+    Identity(String),
     Quit,
 }
 
@@ -94,6 +96,7 @@ impl Intent {
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
             Self::Register(_) => "Submit",
+            Self::Identity(_) => "Make it",
             Self::Quit => "End",
         }
     }
@@ -124,6 +127,7 @@ impl Intent {
             Self::ResetAlarm(alarm) => format!("Reset {alarm}"),
             Self::Register(Some(folder)) => format!("Submit {folder:?}"),
             Self::Register(None) => "Submit the next demonstration candidate".to_owned(),
+            Self::Identity(name) => format!("Make the identity {name}"),
             Self::Quit => "End Holdpoint".to_owned(),
         }
     }
@@ -131,7 +135,7 @@ impl Intent {
     /// Whether somebody has to answer for it by name: stopping and leaving are for everybody.
     #[must_use]
     pub const fn needs_person(&self) -> bool {
-        !matches!(self, Self::Abort(_) | Self::Quit)
+        !matches!(self, Self::Abort(_) | Self::Identity(_) | Self::Quit)
     }
 
     /// Whether it stops or tightens what acts, or leaves: what is asked for also where no engine is at work here.
@@ -149,7 +153,7 @@ impl Intent {
     }
 
     const fn needs_reason(&self) -> bool {
-        !matches!(self, Self::Abort(_) | Self::Register(_) | Self::Quit)
+        !matches!(self, Self::Abort(_) | Self::Register(_) | Self::Identity(_) | Self::Quit)
     }
 
     const fn needs_minutes(&self) -> bool {
@@ -344,7 +348,7 @@ impl Form {
     /// Whether one key confirms it without a field to fill.
     #[must_use]
     pub const fn is_one_key(&self) -> bool {
-        matches!(self.intent, Intent::Abort(_) | Intent::Register(_) | Intent::Quit)
+        !self.intent.needs_reason()
     }
 
     /// The operation, for `who`. Quitting is none of the engine's, and what is submitted is read when it is: `None`.
@@ -356,7 +360,7 @@ impl Form {
             (Some(who), _) => who.name.clone(),
             // Stopping needs no name: nobody must look for an identity first.
             (None, Intent::Abort(_)) => "console".to_owned(),
-            (None, Intent::Quit) => return Ok(None),
+            (None, Intent::Identity(_) | Intent::Quit) => return Ok(None),
             (None, _) => return Err(NOBODY.to_owned()),
         };
         let reason = self.reason.text().trim().to_owned();
@@ -404,7 +408,7 @@ impl Form {
             }
             Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason },
             // What is submitted is read when it is.
-            Intent::Register(_) | Intent::Quit => return Ok(None),
+            Intent::Register(_) | Intent::Identity(_) | Intent::Quit => return Ok(None),
         };
         Ok(Some(Confirmed { command, said: self.intent.title() }))
     }

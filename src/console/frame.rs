@@ -10,17 +10,14 @@
 //! ```
 
 use ratatui::buffer::Buffer;
-use ratatui::layout::Rect;
+use ratatui::layout::{Position, Rect};
 
 use super::look::{Look, ThemeRole};
 use super::model::{Model, Overlay, View};
 use super::prompt::OnScreen;
 use super::views;
-use super::widgets::pen::{Fit, Pen, above, below};
-use super::widgets::row::{Row, wrap};
-
-/// The most lines of the tour's sentence.
-const TOUR_ROWS: usize = 3;
+use super::widgets::pen::{Fit, Hit, Pen, above, below};
+use super::widgets::row::Row;
 
 /// Draws everything into `area`, which may have any size.
 pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
@@ -28,34 +25,57 @@ pub fn draw(model: &Model, look: &Look, area: Rect, buf: &mut Buffer) {
     if area.is_empty() {
         return;
     }
-    let mut pen = Pen { look, buf, fit: Fit::of(area.width, area.height) };
+    let mut pen = Pen::new(look, buf, Fit::of(area.width, area.height));
+    paint(model, &mut pen, area);
+}
+
+/// What a click at a place of the screen means, as it is drawn now; absent if it means nothing.
+#[must_use]
+pub fn hit(model: &Model, look: &Look, area: Rect, (column, row): (u16, u16)) -> Option<Hit> {
+    let mut buf = Buffer::empty(area);
+    let mut pen = Pen::new(look, &mut buf, Fit::of(area.width, area.height));
+    if !area.is_empty() {
+        paint(model, &mut pen, area);
+    }
+    let at = Position { x: column, y: row };
+    pen.hits.iter().rev().find(|(place, _)| place.contains(at)).map(|(_, hit)| *hit)
+}
+
+fn paint(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
+    let menu = model.entry.menu.as_ref();
     if pen.fit == Fit::Tiny {
-        views::tiny::draw(model, &mut pen, area);
+        views::tiny::draw(model, pen, area);
+        if let Some(menu) = menu {
+            views::menu::draw(menu, pen, above(area, area.height - 1));
+        }
         return;
     }
-    views::banner::draw(model, &mut pen, above(area, 1));
+    views::banner::draw(model, pen, above(area, 1));
     let hints = views::hints::height(model, area);
     let foot = area.height - 1 - hints;
-    views::status::draw(model, &mut pen, Rect { y: area.y + foot, height: 1, ..area });
-    views::hints::draw(model, &mut pen, Rect { y: area.y + foot + 1, height: hints, ..area });
+    views::status::draw(model, pen, Rect { y: area.y + foot, height: 1, ..area });
+    views::hints::draw(model, pen, Rect { y: area.y + foot + 1, height: hints, ..area });
     let body = below(Rect { height: foot, ..area }, 1);
     match &model.entry.overlay {
         // The whole decision must be readable: it takes all there is.
-        Some(Overlay::Prompt(prompt)) => views::prompt::draw(model, prompt, &mut pen, body),
+        Some(Overlay::Prompt(prompt)) => views::prompt::draw(model, prompt, pen, body),
         Some(Overlay::Palette(palette)) => {
-            let body = under(model, &mut pen, body);
-            views::palette::draw(model, palette, &mut pen, body);
+            let body = under(model, pen, body);
+            views::palette::draw(model, palette, pen, body);
         }
         Some(Overlay::Form(form)) => {
-            let body = under(model, &mut pen, body);
-            views::form::draw(model, form, &mut pen, body);
+            let body = under(model, pen, body);
+            views::form::draw(model, form, pen, body);
         }
         Some(Overlay::Why(screen)) => views::why::draw(model, screen, &mut pen, body),
         Some(Overlay::Film(watched)) => views::film::draw(watched, &mut pen, body),
         None => {
-            under(model, &mut pen, body);
+            under(model, pen, body);
         }
+    }
+    if let Some(menu) = menu {
+        views::menu::draw(menu, pen, body);
     }
 }
 
@@ -69,7 +89,8 @@ pub fn decision_on_screen(model: &Model, look: &Look, area: Rect) -> Option<OnSc
     if fit == Fit::Tiny && body.height < views::tiny::OVERLAY_HEIGHT_MIN {
         return None;
     }
-    let pen = Pen { look, buf: &mut Buffer::empty(Rect::default()), fit };
+    let mut nowhere = Buffer::empty(Rect::default());
+    let pen = Pen::new(look, &mut nowhere, fit);
     Some(views::prompt::on_screen(model, prompt, &pen, body))
 }
 
@@ -83,11 +104,12 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let mut body = below(area, 1);
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
-        let text = format!("Tour: {sentence} ({key} dismisses)");
-        let lines = wrap(&text, usize::from(body.width), TOUR_ROWS);
-        let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Notice, line)).collect();
-        let taken = pen.rows(body, 0, &rows);
-        body = below(body, taken);
+        // One line: the key that dismisses it stays where the sentence has to be cut.
+        let tail = format!(" ({key} ends the tour)");
+        let room = usize::from(body.width).saturating_sub(tail.len());
+        let row = Row::of(ThemeRole::Notice, &views::short(sentence, room)).with(ThemeRole::Muted, &tail);
+        pen.row(body, 0, &row);
+        body = below(body, 1);
     }
     match model.place.view {
         View::Overview => views::overview::draw(model, pen, body),

@@ -5,6 +5,7 @@
 //! engine checks every decision again; a console that is gone means hold, never approve.
 
 pub mod action;
+pub mod audit;
 pub mod commands;
 pub mod effect;
 pub mod effects;

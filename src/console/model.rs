@@ -4,6 +4,9 @@
 
 mod asking;
 mod entry;
+mod framing;
+mod headway;
+mod order;
 mod place;
 mod told;
 
@@ -11,8 +14,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 pub use asking::{AskedFor, Asking, PendingRequest};
-pub use entry::{Overlay, Typed, Typing, Watched, WhyScreen};
-pub use place::{Frozen, ItemKey, ListCursor, STORY_PANE, View, ViewState};
+pub use entry::{CompletionMenu, Overlay, Typed, Typing, Watched, WhyScreen};
+pub use framing::Framing;
+pub use headway::Headway;
+pub use order::{SortBy, SortOrder};
+pub use place::{Frozen, ItemKey, ListCursor, MONITORS_PANE, OpenedRecord, STORY_PANE, View, ViewState};
 pub use told::{
     Absence, EngineLink, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, STOP_ANSWER_MS, Seeking, StopAsked,
     StoryLine, Told,
@@ -57,6 +63,8 @@ pub struct ConsoleSettings {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Present {
     pub operator: Option<Operator>,
+    /// The name that was typed after `:as` last, until somebody sits down.
+    pub wanted: Option<String>,
     /// Everybody who could act from here.
     pub identities: Vec<Operator>,
 }
@@ -175,14 +183,21 @@ impl Model {
         at_ms.saturating_add(self.now_ms.saturating_sub(self.told.snapshot_ms))
     }
 
-    /// The filter of the present view; while it is typed, as far as it is typed.
+    /// The filter of the present view; while it is typed, as far as it is typed. The story's is its own.
     #[must_use]
     pub fn filter(&self) -> &str {
         match &self.entry.typing {
-            Some(Typing::Filter(line)) => line.text(),
-            Some(Typing::Command(_) | Typing::Find(_)) | None => {
-                self.place.filters.get(&self.place.view).map_or("", String::as_str)
-            }
+            Some(Typing::Filter(line)) if !self.place.in_story() => line.text(),
+            _ => self.place.filters.get(&self.place.view).map_or("", String::as_str),
+        }
+    }
+
+    /// The story's filter; while it is typed, as far as it is typed.
+    #[must_use]
+    pub fn story_filter(&self) -> &str {
+        match &self.entry.typing {
+            Some(Typing::Filter(line)) if self.place.in_story() => line.text(),
+            _ => &self.place.story_filter,
         }
     }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use ratatui::crossterm::event::KeyEvent;
 
+use super::keymap::Keymap;
 use super::model::Seeking;
 use super::operator::Operator;
 use super::prompt::OnScreen;
@@ -28,6 +29,8 @@ pub enum MsgKind {
     Paste(String),
     /// The mouse wheel turned: rows down.
     Wheel(i32),
+    /// The mouse was clicked at this column and row, from 0.
+    Click(u16, u16),
     /// The terminal has this many columns and rows now.
     Resize(u16, u16),
     /// The engine is up.
@@ -64,10 +67,25 @@ pub enum MsgKind {
     },
     /// A frame had these rows of the open decision on the screen.
     DecisionShown(OnScreen),
+    /// Nobody of this name could sit down here: why.
+    NoIdentity {
+        name: String,
+        text: String,
+    },
+    /// What a typed line could become, by what its folder holds.
+    Completions {
+        typed: String,
+        lines: Vec<String>,
+    },
     /// An effect came to this: one sentence, and whether it failed.
     Done {
         text: String,
         bad: bool,
+    },
+    /// The operator's own files changed: the keys and the names of the themes there are now.
+    OwnFiles {
+        keymap: Arc<Keymap>,
+        themes: Vec<String>,
     },
     /// A theme is in use.
     Theme(String),

@@ -2,11 +2,13 @@
 
 use std::fmt::Write as _;
 
-use super::model::{ItemKey, Model, STORY_PANE, View};
+use super::audit::{self, AuditGroup, AuditItem};
+use super::model::{ItemKey, MONITORS_PANE, Model, STORY_PANE, StoryLine, View};
 use super::words::standing;
 use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::behavior::component_of;
 use holdpoint_governance::condition::Condition;
-use holdpoint_governance::decision::Reason;
+use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
@@ -79,6 +81,8 @@ pub enum CandidateItem<'a> {
     /// A measured value with its own interval.
     Measure(&'a Measure),
     Reason(&'a Reason),
+    /// That a component is better on average, beside an interval that reaches over zero.
+    Unproven(&'a Reason, &'a Measure),
     /// A condition of use.
     Condition(&'a Condition),
     /// Something that was not tested.
@@ -99,14 +103,17 @@ impl Model {
     #[must_use]
     pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
         let mut sieve = Sieve::new(if self.place.view == View::Registry { self.filter() } else { "" });
-        let rows: Vec<&VersionSummary> = self
-            .told
-            .registry
-            .page
-            .rows
-            .iter()
+        let listing = &self.told.registry;
+        let all = &listing.page.rows;
+        let ordered = listing.places.iter().filter_map(|place| all.get(*place));
+        let as_it_comes = if listing.places.is_empty() { &all[..] } else { &[] };
+        let rows: Vec<&VersionSummary> = ordered
+            .chain(as_it_comes)
             .filter(|row| sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)]))
             .collect();
+        if listing.is_flat() {
+            return rows.into_iter().map(RegistryItem::Version).collect();
+        }
         let mut items = Vec::with_capacity(rows.len() + 8);
         for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
             let Some(first) = versions.first() else { continue };
@@ -187,11 +194,31 @@ impl Model {
         rows
     }
 
-    /// The log under its filter, the newest first.
+    /// The log under its filter and pane, the newest first.
     #[must_use]
-    pub fn audit_rows(&self) -> Vec<&AuditRecord> {
+    pub fn audit_rows(&self) -> Vec<AuditItem<'_>> {
         let mut sieve = Sieve::new(if self.place.view == View::Audit { self.filter() } else { "" });
-        self.told.audit.rows.iter().filter(|row| sieve.fits(&[&row.kind, &row.subject, &row.body])).collect()
+        let group = AuditGroup::of_pane(self.place.pane_of(View::Audit));
+        let shown = self.told.audit.rows.iter().filter(|row| group.shows(row.kind.known()));
+        audit::rows(shown.filter(|row| {
+            sieve.fits(&[&row.kind, &row.subject, &row.body])
+                // What a row says may be in other words than its content.
+                || sieve.fits(&[&std::fmt::from_fn(|f| f.write_str(&audit::sentence(row)))])
+        }))
+    }
+
+    /// The record that is shown raw, if it is in what was read last.
+    #[must_use]
+    pub fn opened_record(&self) -> Option<&AuditRecord> {
+        let opened = self.place.opened.as_ref().filter(|_| self.place.view == View::Audit)?;
+        self.told.audit.rows.iter().find(|row| row.seq == opened.seq)
+    }
+
+    /// Lines of the story under its filter, the newest first.
+    #[must_use]
+    pub fn story_rows(&self) -> Vec<&StoryLine> {
+        let mut sieve = Sieve::new(self.story_filter());
+        self.story().iter().rev().filter(|line| sieve.fits(&[&line.text])).collect()
     }
 
     /// Everything about the subject, if the engine's answer is about it.
@@ -207,7 +234,10 @@ impl Model {
         let Some(detail) = self.subject_detail() else { return Vec::new() };
         match pane {
             0 => {
-                let reasons = detail.reasons.iter().map(CandidateItem::Reason);
+                let reasons = detail.reasons.iter().map(|reason| match unproven(detail, reason) {
+                    Some(measure) => CandidateItem::Unproven(reason, measure),
+                    None => CandidateItem::Reason(reason),
+                });
                 let rest = detail.behavior.iter().map(CandidateItem::Worsening);
                 let conditions = detail.conditions.iter().map(CandidateItem::Condition);
                 let untested = detail.untested.iter().map(|text| CandidateItem::Untested(text));
@@ -244,10 +274,11 @@ impl Model {
     #[must_use]
     pub fn row_count(&self) -> usize {
         match (self.place.view, self.place.pane()) {
-            (View::Overview, STORY_PANE) => self.story().len(),
+            (View::Overview, STORY_PANE) => self.story_rows().len(),
             (View::Overview, _) => self.pipeline_rows().len(),
             (View::Registry, _) => self.registry_rows().len(),
             (View::Candidate, pane) => self.candidate_rows(pane).len(),
+            (View::Shadow, MONITORS_PANE) => 0,
             (View::Shadow, _) => self.disagreement_rows().len(),
             (View::Alarms, _) => self.alarm_rows().len(),
             (View::Approvals, _) => self.waiting_rows().len(),
@@ -259,10 +290,7 @@ impl Model {
     #[must_use]
     pub fn item_key(&self, row: usize) -> Option<ItemKey> {
         match (self.place.view, self.place.pane()) {
-            (View::Overview, STORY_PANE) => {
-                let newest_first = self.story().len().checked_sub(row + 1)?;
-                self.story().get(newest_first).map(|line| ItemKey::Event(line.seq))
-            }
+            (View::Overview, STORY_PANE) => self.story_rows().get(row).map(|line| ItemKey::Event(line.seq)),
             (View::Overview, _) => {
                 self.pipeline_rows().get(row).map(|row| ItemKey::Version(row.version.clone()))
             }
@@ -281,7 +309,7 @@ impl Model {
                 WaitingItem::Question(question) => ItemKey::Question(question.version.clone()),
                 WaitingItem::Prompt(prompt) => ItemKey::Prompt(prompt.id.clone()),
             }),
-            (View::Audit, _) => self.audit_rows().get(row).map(|row| ItemKey::Record(row.seq)),
+            (View::Audit, _) => self.audit_rows().get(row).map(|row| ItemKey::Record(row.record.seq)),
         }
     }
 
@@ -290,7 +318,7 @@ impl Model {
     pub fn row_of(&self, key: &ItemKey) -> Option<usize> {
         match (self.place.view, self.place.pane(), key) {
             (View::Overview, STORY_PANE, ItemKey::Event(seq)) => {
-                self.story().iter().rev().position(|line| line.seq == *seq)
+                self.story_rows().iter().position(|line| line.seq == *seq)
             }
             (View::Overview, _, ItemKey::Version(id)) => {
                 self.pipeline_rows().iter().position(|row| row.version == *id)
@@ -315,7 +343,7 @@ impl Model {
                 (WaitingItem::Question(_) | WaitingItem::Prompt(_), _) => false,
             }),
             (View::Audit, _, ItemKey::Record(seq)) => {
-                self.audit_rows().iter().position(|row| row.seq == *seq)
+                self.audit_rows().iter().position(|row| row.record.seq == *seq)
             }
             _ => None,
         }
@@ -347,7 +375,7 @@ impl Model {
                 rows.get(self.row())?.alarm().alarm.rsplit(':').next()?.parse().ok()
             }
             (View::Approvals, _) => self.waiting_rows().get(self.row()).map(|row| row.version().clone()),
-            (View::Audit, _) => self.audit_rows().get(self.row())?.subject.parse().ok(),
+            (View::Audit, _) => self.audit_rows().get(self.row())?.record.subject.parse().ok(),
         }
     }
 }
@@ -358,7 +386,9 @@ pub fn said(item: &CandidateItem<'_>) -> String {
     match item {
         CandidateItem::Dimension(result) => result.dimension.words().to_owned(),
         CandidateItem::Worsening(measure) | CandidateItem::Measure(measure) => measure.name.clone(),
-        CandidateItem::Reason(reason) => format!("{}: {}", reason.code, reason.text),
+        CandidateItem::Reason(reason) | CandidateItem::Unproven(reason, _) => {
+            format!("{}: {}", reason.code, reason.text)
+        }
         CandidateItem::Condition(condition) => condition.to_string(),
         CandidateItem::Untested(what) => (*what).to_owned(),
         CandidateItem::Difference(difference) => difference.field.clone(),
@@ -367,6 +397,40 @@ pub fn said(item: &CandidateItem<'_>) -> String {
         CandidateItem::Decision(decision) => format!("{} {}", decision.record, decision.ruling.outcome()),
         CandidateItem::Record(record) => format!("{} {} {}", record.seq, record.kind, record.body),
     }
+}
+
+/// Everything that a row of the candidate view says, for a search in it.
+#[must_use]
+pub fn whole(item: &CandidateItem<'_>) -> String {
+    match item {
+        CandidateItem::Decision(decision) => {
+            let reasons = decision.reasons.iter().map(|reason| {
+                let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
+                format!("{code} {} {}", reason.text, reason.measured.as_deref().unwrap_or_default())
+            });
+            let rest = decision.change.iter().chain(&decision.then).cloned();
+            let all: Vec<String> = reasons.chain(rest).collect();
+            format!("{} {} {}", said(item), decision.rule.name(), all.join(" "))
+        }
+        CandidateItem::Difference(difference) => {
+            let value = |value: &Option<serde_json::Value>| {
+                value.as_ref().map(ToString::to_string).unwrap_or_default()
+            };
+            format!("{} {} {}", said(item), value(&difference.old), value(&difference.new))
+        }
+        CandidateItem::Dimension(result) => format!("{} {}", said(item), result.outcome.name()),
+        _ => said(item),
+    }
+}
+
+/// The component of a reason that calls it better, if its worsening may as well be one: the interval reaches over zero.
+fn unproven<'a>(detail: &'a Detail, reason: &Reason) -> Option<&'a Measure> {
+    if reason.code != ReasonCode::BehaviorImproved {
+        return None;
+    }
+    let name = component_of(reason.code, &reason.text)?.name();
+    let measure = detail.behavior.iter().find(|measure| measure.name == name)?;
+    measure.interval.filter(|[_, high]| *high >= 0.0).map(|_| measure)
 }
 
 /// The rows by what they say; a measured value by its mode as well.

@@ -21,7 +21,7 @@ pub use self::farewell::{Cause, Left};
 use self::screen::Screen;
 use self::session::Session;
 pub use super::effects::Begun;
-use super::effects::ReadCandidate;
+use super::effects::{ReadCandidate, ReadOwnFiles};
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
 use super::model::{ConsoleSettings, Model};
@@ -58,6 +58,8 @@ pub struct Console {
     pub themes: Themes,
     /// How a candidate is read for registration.
     pub candidates: ReadCandidate,
+    /// Whether the operator's own files changed.
+    pub own_files: ReadOwnFiles,
 }
 
 /// Why there was no console, or none any more.
@@ -123,6 +125,7 @@ fn on_screen(console: Console, look: Look, guard: RunningGuard) -> Result<Left, 
         engine: console.engine,
         view: console.view,
         candidates: console.candidates,
+        own_files: console.own_files,
         themes: console.themes,
         exports,
         operator: console.options.operator,

@@ -4,11 +4,15 @@
 //! (a reflex key that approves, an approval over stale evidence) is a table test beside it.
 
 mod asking;
+mod clicking;
 mod engine;
 mod finding;
+mod marking;
 mod moving;
 mod operating;
 mod overlays;
+pub mod possible;
+mod seating;
 mod typing;
 mod why;
 
@@ -26,6 +30,9 @@ use holdpoint_text::Hint as _;
 /// Halvings of a chart's range at most.
 const ZOOM_MAX: u8 = 6;
 
+/// How often the operator's own files are looked at, ms.
+const OWN_FILES_MS: u64 = 2_000;
+
 /// Views remembered for the way back.
 const BACK_MAX: usize = 16;
 
@@ -37,8 +44,10 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::Picture(_)
         | MsgKind::Resize(..)
         | MsgKind::Theme(_)
+        | MsgKind::OwnFiles { .. }
+        | MsgKind::Completions { .. }
         | MsgKind::DecisionShown(_) => None,
-        MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) => Some(false),
+        MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) | MsgKind::Click(..) => Some(false),
         MsgKind::EngineStarted
         | MsgKind::Events(_)
         | MsgKind::Past { .. }
@@ -51,6 +60,7 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::Identities(_)
         | MsgKind::Operator(_)
         | MsgKind::Done { .. }
+        | MsgKind::NoIdentity { .. }
         | MsgKind::Unsigned { .. }
         | MsgKind::EndAsked => Some(true),
     };
@@ -71,6 +81,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::Key(key) => on_key(model, key),
         MsgKind::Paste(text) => typing::paste(model, &text),
         MsgKind::Wheel(rows) => moving::wheel(model, rows),
+        MsgKind::Click(column, row) => clicking::click(model, column, row),
         MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
             Vec::new()
@@ -91,6 +102,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         }
         MsgKind::Snapshot(snapshot) => engine::snapshot(model, snapshot),
         MsgKind::Picture(picture) => {
+            model.told.framing.see(&picture);
             model.told.picture = Some(picture);
             Vec::new()
         }
@@ -100,12 +112,18 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::Operator(operator) => {
+            model.seat.wanted = None;
             tell(model, format!("{} ({}) sits here now", operator.name, operator.role), false);
             model.seat.operator = Some(operator);
             Vec::new()
         }
         MsgKind::Done { text, bad } => {
             tell(model, text, bad);
+            Vec::new()
+        }
+        MsgKind::NoIdentity { name, text } => seating::nobody(model, name, text),
+        MsgKind::Completions { typed, lines } => {
+            typing::offer(model, typed, lines);
             Vec::new()
         }
         MsgKind::Theme(name) => {
@@ -123,9 +141,19 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::EndAsked => vec![Effect::End],
+        MsgKind::OwnFiles { keymap, themes } => {
+            (model.keymap, model.themes) = (keymap, themes);
+            tell(model, "keys and themes were read anew: their files changed", false);
+            Vec::new()
+        }
         MsgKind::Tick => {
             why::pass(model);
-            asking::refresh(model)
+            let mut effects = asking::refresh(model);
+            if model.now_ms.saturating_sub(model.asking.own_files_ms) >= OWN_FILES_MS {
+                model.asking.own_files_ms = model.now_ms;
+                effects.push(Effect::LookAtOwnFiles);
+            }
+            effects
         }
     }
 }
@@ -240,6 +268,9 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         | Action::NextPane
         | Action::PreviousPane
         | Action::Open => moving::go(model, action),
+        Action::Sort | Action::SortReverse => moving::sort(model, action),
+        Action::FindNext => finding::next(model),
+        Action::Mark => marking::mark(model),
         Action::Stop => asking::stop(model),
         Action::Go => operating::go(model),
         Action::Abort
@@ -316,6 +347,7 @@ fn show(model: &mut Model, view: View) -> Vec<Effect> {
             model.place.back.remove(0);
         }
         model.place.view = view;
+        model.place.opened = None;
     }
     asking::refresh_now(model)
 }
@@ -329,7 +361,10 @@ fn show_about(model: &mut Model, view: View) -> Vec<Effect> {
 }
 
 fn back(model: &mut Model) -> Vec<Effect> {
-    if model.place.filters.remove(&model.place.view).is_some() {
+    if model.place.view == View::Audit && model.place.opened.take().is_some() {
+        return Vec::new();
+    }
+    if model.place.set_filter(String::new()) {
         return asking::refresh_now(model);
     }
     match model.place.back.pop() {

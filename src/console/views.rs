@@ -11,6 +11,7 @@ pub mod families;
 pub mod film;
 pub mod form;
 pub mod hints;
+pub mod menu;
 pub mod overview;
 pub mod palette;
 pub mod pipeline;

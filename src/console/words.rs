@@ -1,9 +1,12 @@
 //! Words and numbers as every view, export and prompt writes them: one formatter each.
 
-use holdpoint_governance::decision::{Dimension, Reason};
+use std::borrow::Cow;
+
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::seat::SeatView;
+use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 use holdpoint_protocol::words::clock_time;
 use holdpoint_text::Untrusted;
 
@@ -70,7 +73,16 @@ pub fn kappa_line(result: &DimensionResult) -> String {
 /// A reason with its code.
 #[must_use]
 pub fn reason_line(reason: &Reason) -> String {
-    format!("{}: {}", reason.code, reason.text)
+    format!("{}: {}", reason.code, finding(reason.code, &reason.text))
+}
+
+/// What a reason says. What is on record as better is better in the mean of the pairs: no bound stands behind it.
+#[must_use]
+pub fn finding(code: ReasonCode, text: &str) -> Cow<'_, str> {
+    match code {
+        ReasonCode::BehaviorImproved => Cow::Owned(format!("{text} on average")),
+        _ => Cow::Borrowed(text),
+    }
 }
 
 /// Where a version stands, flags included.
@@ -89,6 +101,46 @@ pub fn standing(state: State, flags: &Flags) -> String {
         words.push(format!("in {}", stage.name()));
     }
     words.join(", ")
+}
+
+/// What a candidate that rests waits for; absent for one that is worked, settled, or held by a person.
+#[must_use]
+pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
+    let (State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted) =
+        candidate.state
+    else {
+        return None;
+    };
+    let flags = candidate.flags;
+    if candidate.progress.is_some() || flags.running.is_some() || flags.paused || flags.awaiting_approval {
+        return None;
+    }
+    let family = now.families.iter().find(|family| family.family == candidate.version.family);
+    let compares = !matches!(candidate.state, State::Registered | State::Shadowed);
+    // A stage that has just begun has no count yet.
+    let works = |other: &&CandidateView| {
+        other.progress.is_some() || (other.flags.running.is_some() && !other.flags.paused)
+    };
+    let at_work = now.candidates.iter().filter(|other| other.version != candidate.version).find(works);
+    Some(if now.holding.is_some() {
+        "waits: the engine holds".to_owned()
+    } else if now.stopped.is_some() {
+        "waits: the cell is stopped".to_owned()
+    } else if candidate.held {
+        "held back: nothing goes on before it is let go on".to_owned()
+    } else if compares && family.is_some_and(|family| family.active.is_none()) {
+        format!("waits until {} has an active version to compare it with", candidate.version.family)
+    } else if let Some(review) = family.and_then(|family| family.review.as_ref()) {
+        format!("waits for the review of {}", review.version)
+    } else if let Some(other) = at_work {
+        let stage = other.progress.as_ref().map(|progress| progress.stage).or(other.flags.running);
+        let stage = stage.map_or("its stage", |stage| stage.name());
+        format!("waits for {}, in {stage}: one is worked at a time", other.version)
+    } else if candidate.state == State::Demoted && flags.running.is_none() {
+        "waits until somebody has it evaluated again".to_owned()
+    } else {
+        return None;
+    })
 }
 
 /// The seven stages of the pipeline strip, in order.

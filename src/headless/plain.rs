@@ -1,6 +1,6 @@
 //! Upgrades printed as they happen, without a screen: what waits in a store, or the demonstration.
 //!
-//! Owns which versions are followed and when they are settled; what became of each is read from the snapshot. A
+//! What is typed meanwhile is carried out beside it (`commands`). Owns which versions are followed and when they are settled; what became of each is read from the snapshot. A
 //! run that followed no version says so and has no outcome.
 
 use std::collections::BTreeSet;
@@ -9,6 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use super::commands::{Commands, Said};
 use super::outcome::{Followed, outcome_of, worst};
 use super::printer::Printer;
 use super::runs::{cell, start_error};
@@ -53,6 +54,8 @@ pub struct RunPlain<'a> {
     pub pace: Option<f64>,
     /// Who listens besides the printer: recordings, a live viewer.
     pub sinks: Vec<MakeSink>,
+    /// Whether commands are read from the standard input.
+    pub commands: bool,
 }
 
 /// The pause while it waits for people.
@@ -91,7 +94,13 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
         (None, Some(pictures)) => pump.draw_live_world(pictures),
         (None, None) => {}
     }
-    let mut stream = PlainStream { pump, printer, versions: BTreeSet::new(), paced: run.pace.is_some() };
+    let commands =
+        if run.commands { Some(Commands::start(run.data).map_err(CliError::internal)?) } else { None };
+    if commands.as_ref().is_some_and(Commands::stays) {
+        printer.note("commands are taken here, a verb a line: `help` lists them, `quit` ends")?;
+    }
+    let paced = run.pace.is_some();
+    let mut stream = PlainStream { pump, printer, versions: BTreeSet::new(), paced, commands };
     let events = stream.pump.tell();
     stream.print(&events)?;
     match run.work {
@@ -129,6 +138,8 @@ struct PlainStream<'a> {
     versions: BTreeSet<CapabilityId>,
     /// Whether the live cell has a thread of its own.
     paced: bool,
+    /// What is typed meanwhile, if that is read.
+    commands: Option<Commands>,
 }
 
 impl PlainStream<'_> {
@@ -174,20 +185,37 @@ impl PlainStream<'_> {
     /// Until everything that is followed is settled, nobody reads any more, or the engine is told to end.
     fn work(mut self) -> Result<Exit, CliError> {
         loop {
-            if self.versions.is_empty() {
+            if self.versions.is_empty() && !self.holds() {
                 return self.finish();
             }
             let (progress, events) = self.pump.turn();
             self.tell(&events)?;
             let idle = matches!(progress, Progress::Idle { .. });
             let gone = self.printer.is_gone() || self.pump.engine().has_ended();
-            if gone || self.is_settled(idle) {
+            if gone || self.take_commands()? || (self.is_settled(idle) && !self.holds()) {
                 return self.finish();
             }
             if idle {
                 self.pump.wait(if self.paced { PACED_PAUSE } else { IDLE_PAUSE });
             }
         }
+    }
+
+    /// Whether what was typed, or may yet be, keeps the run.
+    fn holds(&self) -> bool {
+        self.commands.as_ref().is_some_and(Commands::holds)
+    }
+
+    /// Takes in what was typed and what came of it. Tells whether the run is to end.
+    fn take_commands(&mut self) -> Result<bool, CliError> {
+        let Some(commands) = &mut self.commands else { return Ok(false) };
+        for said in commands.look() {
+            match said {
+                Said::Line(line) => self.printer.note(&line)?,
+                Said::Quit => return Ok(true),
+            }
+        }
+        Ok(false)
     }
 
     /// Nothing more happens to any of them by itself.

@@ -15,7 +15,11 @@ pub trait Hint: fmt::Display {
     /// Message and hint on one line, for places that have no more: a notice, an event's text, a table's cell.
     fn sentence(&self) -> String {
         match self.hint() {
-            Some(hint) => format!("{self}. Hint: {hint}"),
+            // A message that quotes one of others may end in its full stop: one is enough.
+            Some(hint) => {
+                let said = self.to_string();
+                format!("{}. Hint: {}", said.trim_end_matches(['.', ' ']), hint.trim_end_matches('.'))
+            }
             None => self.to_string(),
         }
     }
@@ -104,6 +108,8 @@ mod tests {
         assert_eq!(problem.to_string(), "the disk is full");
         assert_eq!(problem.sentence(), "the disk is full. Hint: free some space");
         assert_eq!(Problem::of(&problem), problem);
+        let quoted = Problem::new("it said: no space left.").with_hint("make room.");
+        assert_eq!(quoted.sentence(), "it said: no space left. Hint: make room");
     }
 
     #[test]

@@ -41,6 +41,7 @@ mod signed;
 mod stages;
 mod stop;
 mod storm;
+mod typed;
 
 #[path = "../support/agent.rs"]
 mod agent;

@@ -47,12 +47,20 @@ pub struct Asking {
     pub next_request: u64,
     /// Counts what happened that answers of the engine may depend on.
     pub changes: u64,
+    /// Console time at which the operator's own files were looked at last, ms.
+    pub own_files_ms: u64,
     /// The count at which each kind of answer was last asked for.
     pub asked: BTreeMap<AskedFor, u64>,
 }
 
 impl Default for Asking {
     fn default() -> Self {
-        Self { pending: BTreeMap::new(), next_request: 1, changes: 0, asked: BTreeMap::new() }
+        Self {
+            pending: BTreeMap::new(),
+            next_request: 1,
+            changes: 0,
+            own_files_ms: 0,
+            asked: BTreeMap::new(),
+        }
     }
 }

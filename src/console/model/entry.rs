@@ -58,6 +58,17 @@ pub enum Typing {
     Find(EditLine),
 }
 
+/// What a command line could become, while Tab goes through it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CompletionMenu {
+    /// What stood in the line before.
+    pub typed: String,
+    /// Whole lines, the best first; at least one.
+    pub lines: Vec<String>,
+    /// Which of them stands in the line.
+    pub at: usize,
+}
+
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Typed {
@@ -65,6 +76,8 @@ pub struct Typed {
     pub overlay: Option<Overlay>,
     /// What is typed at the foot.
     pub typing: Option<Typing>,
+    /// What Tab goes through; absent before it was pressed, and once anything else was.
+    pub menu: Option<CompletionMenu>,
     /// Command lines of this session, oldest first.
     pub history: Vec<String>,
 }

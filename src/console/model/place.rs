@@ -1,6 +1,6 @@
 //! Where the operator is: the view, its pane, row and filter, the version it is about, and how charts stand.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use super::told::StoryLine;
@@ -56,8 +56,9 @@ impl View {
             Self::Overview => &["Pipeline", "Robot", "Story"],
             Self::Registry => &["All", "Active", "Candidates", "History"],
             Self::Candidate => &["Checks", "Difference", "Sandbox", "Drills", "Timeline", "Audit"],
-            Self::Shadow => &["Charts", "Disagreements"],
-            Self::Alarms | Self::Approvals | Self::Audit => &["List"],
+            Self::Shadow => &["Charts", "Disagreements", "Monitors"],
+            Self::Alarms | Self::Approvals => &["List"],
+            Self::Audit => &["Told", "People", "Alarms", "Store", "All"],
         }
     }
 }
@@ -76,6 +77,9 @@ pub struct Frozen {
 
 /// The pane of the overview that tells the story.
 pub const STORY_PANE: usize = 2;
+
+/// The pane of shadow that shows monitors: no list.
+pub const MONITORS_PANE: usize = 2;
 
 /// Where the cursor of a list is: on an item, which it follows wherever the list puts it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -105,6 +109,15 @@ pub enum ItemKey {
     Said(String),
 }
 
+/// A record of the log that is shown as it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OpenedRecord {
+    /// Its number.
+    pub seq: u64,
+    /// The first of its lines that is shown.
+    pub scroll: usize,
+}
+
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ViewState {
@@ -119,6 +132,14 @@ pub struct ViewState {
     pub slipped_ms: Option<u64>,
     /// The filter of each view; empty for none.
     pub filters: BTreeMap<View, String>,
+    /// The filter of the story, which stands beside the overview's; empty for none.
+    pub story_filter: String,
+    /// What was searched for last, in a list that hides nothing.
+    pub sought: String,
+    /// Alarms that are marked, by name: what acknowledges takes them all.
+    pub marked: BTreeSet<String>,
+    /// The record that the audit view shows raw; absent for the list.
+    pub opened: Option<OpenedRecord>,
     /// The version that Candidate and Shadow are about; absent for the newest candidate.
     pub chosen: Option<CapabilityId>,
     /// What stands still, if the operator froze it.
@@ -135,6 +156,32 @@ impl ViewState {
             (View::Overview, pane) if pane != STORY_PANE => (View::Overview, 0),
             here => here,
         }
+    }
+
+    /// Whether the story has the keys.
+    #[must_use]
+    pub fn in_story(&self) -> bool {
+        self.view == View::Overview && self.pane() == STORY_PANE
+    }
+
+    /// The filter of the list that has the keys; empty for none.
+    #[must_use]
+    pub fn filter(&self) -> &str {
+        if self.in_story() {
+            return &self.story_filter;
+        }
+        self.filters.get(&self.view).map_or("", String::as_str)
+    }
+
+    /// Another filter for the list that has the keys. Tells whether it had one.
+    pub fn set_filter(&mut self, text: String) -> bool {
+        if self.in_story() {
+            return !std::mem::replace(&mut self.story_filter, text).is_empty();
+        }
+        if text.is_empty() {
+            return self.filters.remove(&self.view).is_some();
+        }
+        self.filters.insert(self.view, text).is_some()
     }
 
     /// The pane of the present view.

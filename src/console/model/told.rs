@@ -1,10 +1,13 @@
 //! What the engine told: its newest picture of itself, its story, and its answers to what the console looks up.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
+use super::framing::Framing;
+use super::headway::Headway;
+use super::order::{SortBy, SortOrder};
 use holdpoint_engine::host::EndFault;
-use holdpoint_governance::ids::Family;
+use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::detail::{AuditPage, Detail, RegistryPage, Verified};
 use holdpoint_protocol::picture::Picture;
@@ -128,8 +131,32 @@ pub struct Listing {
     pub page: Arc<RegistryPage>,
     /// What was asked for.
     pub group: VersionGroup,
+    /// The order of the rows.
+    pub sort: SortOrder,
+    /// Places of the page's rows in that order; empty for the tree as it comes.
+    pub places: Vec<usize>,
     /// Families whose branch is closed.
     pub closed: BTreeSet<Family>,
+}
+
+impl Listing {
+    /// Another page, in the order that was chosen.
+    pub fn take(&mut self, page: RegistryPage) {
+        self.page = Arc::new(page);
+        self.places = self.sort.places(&self.page.rows);
+    }
+
+    /// Another order for the page.
+    pub fn sort_by(&mut self, sort: SortOrder) {
+        self.sort = sort;
+        self.places = sort.places(&self.page.rows);
+    }
+
+    /// Whether the rows are one list and not a tree.
+    #[must_use]
+    pub fn is_flat(&self) -> bool {
+        self.sort.by != SortBy::Tree
+    }
 }
 
 impl Told {
@@ -173,6 +200,10 @@ pub struct Told {
     pub snapshot: Option<Arc<Snapshot>>,
     /// Console time it came, ms.
     pub snapshot_ms: u64,
+    /// How fast each stage gets on, by its candidate.
+    pub headway: BTreeMap<CapabilityId, Headway>,
+    /// What of the cell was seen to move, which the robot's pane holds.
+    pub framing: Framing,
     /// The newest moment of the live cell.
     pub picture: Option<Arc<Picture>>,
     /// What the engine told, oldest first; at most [`LOG_MAX`].

@@ -28,7 +28,7 @@ pub fn draw(model: &ReplayModel, look: &Look, area: Rect, buf: &mut Buffer) {
     if area.is_empty() {
         return;
     }
-    let mut pen = Pen { look, buf, fit: Fit::of(area.width, area.height) };
+    let mut pen = Pen::new(look, buf, Fit::of(area.width, area.height));
     pen.clear(area);
     if pen.fit == Fit::Tiny {
         tiny::draw(model, &mut pen, area);

@@ -187,6 +187,7 @@ impl Showing {
             }
             // The mouse was not taken, and no engine is here to tell the rest.
             msg::MsgKind::Wheel(_)
+            | msg::MsgKind::Click(..)
             | msg::MsgKind::EngineStarted
             | msg::MsgKind::Events(_)
             | msg::MsgKind::Past { .. }
@@ -200,6 +201,9 @@ impl Showing {
             | msg::MsgKind::Identities(_)
             | msg::MsgKind::Operator(_)
             | msg::MsgKind::Done { .. }
+            | msg::MsgKind::NoIdentity { .. }
+            | msg::MsgKind::OwnFiles { .. }
+            | msg::MsgKind::Completions { .. }
             | msg::MsgKind::Unsigned { .. }
             | msg::MsgKind::Theme(_)
             | msg::MsgKind::DecisionShown(_)

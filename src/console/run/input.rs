@@ -6,7 +6,7 @@
 use std::io;
 
 use ratatui::crossterm::event::{
-    self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseEvent, MouseEventKind,
+    self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseButton, MouseEvent, MouseEventKind,
 };
 use tokio::sync::mpsc;
 
@@ -50,17 +50,19 @@ fn what(event: Event, answers: &mut LateAnswer) -> Option<MsgKind> {
         Event::Key(key) if answers.swallow(key) => None,
         Event::Key(key) => Some(MsgKind::Key(key)),
         Event::Paste(text) => Some(MsgKind::Paste(bounded(text))),
-        Event::Mouse(mouse) => wheel(mouse).map(MsgKind::Wheel),
+        Event::Mouse(mouse) => pointed(mouse),
         Event::Resize(columns, rows) => Some(MsgKind::Resize(columns, rows)),
         // Losing the focus changes nothing that is shown.
         Event::FocusGained | Event::FocusLost => None,
     }
 }
 
-const fn wheel(mouse: MouseEvent) -> Option<i32> {
+/// The wheel and the left button mean something; everything else of the mouse is left alone.
+const fn pointed(mouse: MouseEvent) -> Option<MsgKind> {
     match mouse.kind {
-        MouseEventKind::ScrollDown => Some(WHEEL_ROWS),
-        MouseEventKind::ScrollUp => Some(-WHEEL_ROWS),
+        MouseEventKind::ScrollDown => Some(MsgKind::Wheel(WHEEL_ROWS)),
+        MouseEventKind::ScrollUp => Some(MsgKind::Wheel(-WHEEL_ROWS)),
+        MouseEventKind::Down(MouseButton::Left) => Some(MsgKind::Click(mouse.column, mouse.row)),
         MouseEventKind::Down(_)
         | MouseEventKind::Up(_)
         | MouseEventKind::Drag(_)
@@ -127,6 +129,21 @@ mod tests {
 
     fn plain(text: &str) -> Vec<(char, KeyModifiers)> {
         text.chars().map(|sign| (sign, KeyModifiers::NONE)).collect()
+    }
+
+    #[test]
+    fn the_left_button_and_the_wheel_are_all_that_is_taken_of_the_mouse() {
+        let mouse = |kind| MouseEvent { kind, column: 7, row: 3, modifiers: KeyModifiers::NONE };
+        for (kind, taken) in [
+            (MouseEventKind::Down(MouseButton::Left), Some(MsgKind::Click(7, 3))),
+            (MouseEventKind::Down(MouseButton::Right), None),
+            (MouseEventKind::Up(MouseButton::Left), None),
+            (MouseEventKind::Drag(MouseButton::Left), None),
+            (MouseEventKind::Moved, None),
+            (MouseEventKind::ScrollDown, Some(MsgKind::Wheel(WHEEL_ROWS))),
+        ] {
+            assert_eq!(pointed(mouse(kind)), taken, "{kind:?}");
+        }
     }
 
     #[test]

@@ -17,7 +17,7 @@ use super::input;
 use super::pace::{FramePace, Want};
 use super::screen::Screen;
 use crate::effect::Effect;
-use crate::effects::{Begun, EffectTarget, Errand, Hands, Outcome, ReadCandidate};
+use crate::effects::{Begun, EffectTarget, Errand, Hands, Outcome, ReadCandidate, ReadOwnFiles};
 use crate::frame;
 use crate::look::Look;
 use crate::model::{EngineLink, Model, Overlay, Seeking, View};
@@ -63,6 +63,7 @@ pub(super) struct Parts {
     pub(super) engine: EngineAt,
     pub(super) view: Option<SocketAddr>,
     pub(super) candidates: ReadCandidate,
+    pub(super) own_files: ReadOwnFiles,
     pub(super) themes: Themes,
     pub(super) exports: Option<PathBuf>,
     pub(super) operator: Option<String>,
@@ -154,7 +155,7 @@ impl Session {
                 *coming
             }
         };
-        let Parts { candidates, themes, exports, .. } = parts;
+        let Parts { candidates, own_files, themes, exports, .. } = parts;
         Ok(Self {
             begun: Instant::now(),
             model,
@@ -164,7 +165,7 @@ impl Session {
             guard,
             inputs: input::start()?,
             errands,
-            hands: Hands::new(host, candidates, themes, exports, tell.clone(), view),
+            hands: Hands::new(host, candidates, own_files, themes, exports, tell.clone(), view),
             operator: parts.operator,
             pace: FramePace::default(),
             leaving: None,

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use super::{asking, operating, overlays, tell, why};
 use crate::effect::{Effect, Question};
-use crate::model::{EngineLink, EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
+use crate::model::{EngineLink, EngineState, Headway, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_engine::host::EndFault;
 use holdpoint_governance::alarms::Priority;
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::{Event, EventKind};
@@ -154,10 +155,28 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
         // That is the answer, whoever gives it.
         model.told.stop_asked = None;
     }
+    headway(model, &snapshot);
     model.told.snapshot_ms = model.now_ms;
     model.told.snapshot = Some(snapshot);
     operating::follow(model);
     if calls { vec![Effect::Bell] } else { Vec::new() }
+}
+
+/// Notes how far each stage is; of what rests or is over nothing is kept.
+fn headway(model: &mut Model, now: &Snapshot) {
+    let under_way = |id: &CapabilityId| {
+        now.candidates.iter().any(|candidate| candidate.version == *id && candidate.progress.is_some())
+    };
+    model.told.headway.retain(|id, _| under_way(id));
+    for candidate in &now.candidates {
+        let Some(progress) = &candidate.progress else { continue };
+        match model.told.headway.get_mut(&candidate.version) {
+            Some(known) => known.see(progress, now.at_ms),
+            None => {
+                model.told.headway.insert(candidate.version.clone(), Headway::of(progress, now.at_ms));
+            }
+        }
+    }
 }
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
@@ -201,7 +220,7 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
             Vec::new()
         }
         Reply::Registry { page } => {
-            model.told.registry.page = Arc::new(page);
+            model.told.registry.take(page);
             Vec::new()
         }
         Reply::Audit { page } => {

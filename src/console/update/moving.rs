@@ -2,8 +2,9 @@
 
 use super::{asking, refuse, show, why};
 use crate::action::Action;
+use crate::audit;
 use crate::effect::Effect;
-use crate::model::{ListCursor, Model, Overlay, STORY_PANE, View};
+use crate::model::{ListCursor, Model, OpenedRecord, Overlay, STORY_PANE, SortOrder, View};
 use crate::prompt::Prompt;
 use crate::rows::{RegistryItem, WaitingItem};
 use holdpoint_governance::ids::Family;
@@ -17,6 +18,9 @@ const PAGE_OVERLAP: usize = 12;
 
 pub(super) fn go(model: &mut Model, action: Action) -> Vec<Effect> {
     let page = usize::from(model.size.1).saturating_sub(PAGE_OVERLAP).max(1);
+    if model.place.view == View::Audit && model.place.opened.is_some() {
+        return in_record(model, action, page);
+    }
     let last = model.row_count().saturating_sub(1);
     let row = model.row();
     match action {
@@ -32,6 +36,25 @@ pub(super) fn go(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::PreviousPane => return step_pane(model, false),
         _ => return open(model),
     }
+    Vec::new()
+}
+
+/// Moves over the lines of a raw record; Enter closes it as it opened it.
+fn in_record(model: &mut Model, action: Action, page: usize) -> Vec<Effect> {
+    let last = model.opened_record().map_or(0, |record| audit::raw(record).len().saturating_sub(1));
+    let Some(opened) = &mut model.place.opened else { return Vec::new() };
+    opened.scroll = match action {
+        Action::Up => opened.scroll.saturating_sub(1),
+        Action::Down => opened.scroll.saturating_add(1).min(last),
+        Action::PageUp => opened.scroll.saturating_sub(page),
+        Action::PageDown => opened.scroll.saturating_add(page).min(last),
+        Action::Top => 0,
+        Action::Bottom => last,
+        _ => {
+            model.place.opened = None;
+            return Vec::new();
+        }
+    };
     Vec::new()
 }
 
@@ -77,9 +100,37 @@ pub(super) fn has_slipped(model: &Model) -> bool {
     model.place.slipped_ms.is_some_and(|at_ms| model.now_ms.saturating_sub(at_ms) < SLIP_MS)
 }
 
+/// The next column of the registry's rows, or the other way round. Every other list has its order for a reason.
+pub(super) fn sort(model: &mut Model, action: Action) -> Vec<Effect> {
+    if let Some(why) = unsorted(model) {
+        return refuse(model, why);
+    }
+    let SortOrder { by, reversed } = model.told.registry.sort;
+    let sort = match action {
+        Action::Sort => SortOrder { by: by.next(), reversed: false },
+        _ => SortOrder { by, reversed: !reversed },
+    };
+    model.told.registry.sort_by(sort);
+    let way = if sort.reversed { ", turned round" } else { "" };
+    super::tell(model, format!("sorted by {}{way}", sort.by.words()), false);
+    Vec::new()
+}
+
+/// Why the list of the view is in no other order; absent if it can be.
+pub(super) const fn unsorted(model: &Model) -> Option<&'static str> {
+    match model.place.view {
+        View::Registry => None,
+        View::Alarms => Some("alarms stand in the order of attention"),
+        View::Approvals => Some("what waits stands in the order of its deadlines"),
+        View::Overview | View::Candidate | View::Shadow | View::Audit => {
+            Some("this list stands in the order in which things happened; the registry can be sorted")
+        }
+    }
+}
+
 /// In the registry the branch opens and closes; elsewhere the pane changes.
 fn sideways(model: &mut Model, right: bool) -> Vec<Effect> {
-    if model.place.view != View::Registry {
+    if model.place.view != View::Registry || model.told.registry.is_flat() {
         return step_pane(model, right);
     }
     let family = match model.registry_rows().get(model.row()) {
@@ -108,6 +159,11 @@ fn set_branch(model: &mut Model, family: Family, open: bool) {
 fn step_pane(model: &mut Model, forward: bool) -> Vec<Effect> {
     let count = model.place.view.panes().len().max(1);
     let next = if forward { model.place.pane() + 1 } else { model.place.pane() + count - 1 } % count;
+    to_pane(model, next)
+}
+
+/// Gives a pane of the view the keys.
+pub(super) fn to_pane(model: &mut Model, next: usize) -> Vec<Effect> {
     if let Some(pane) = model.place.panes.get_mut(model.place.view as usize) {
         *pane = next;
     }
@@ -125,7 +181,12 @@ fn open(model: &mut Model) -> Vec<Effect> {
             }
             choose(model)
         }
-        View::Overview | View::Audit => choose(model),
+        View::Overview => choose(model),
+        View::Audit => {
+            let seq = model.audit_rows().get(model.row()).map(|row| row.record.seq);
+            model.place.opened = seq.map(|seq| OpenedRecord { seq, scroll: 0 });
+            Vec::new()
+        }
         View::Shadow => show(model, View::Candidate),
         View::Candidate => {
             if why::open(model) {
@@ -202,12 +263,11 @@ pub(super) fn copied(model: &Model) -> Option<String> {
         }
         View::Audit => {
             let rows = model.audit_rows();
-            let row = rows.get(model.row())?;
+            let row = model.opened_record().or_else(|| rows.get(model.row()).map(|row| row.record))?;
             Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
         }
         View::Overview if model.place.pane() == STORY_PANE => {
-            let newest_first = model.story().len().checked_sub(model.row() + 1)?;
-            model.story().get(newest_first).map(|told| told.text.clone())
+            model.story_rows().get(model.row()).map(|told| told.text.clone())
         }
         View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
             model.version_here().map(|version| version.to_string())

@@ -1,6 +1,6 @@
 //! What an operator does to versions and alarms: which form opens, and why not.
 
-use super::{asking, overlays, refuse, tell};
+use super::{asking, marking, overlays, refuse, seating, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent, NOBODY};
@@ -23,7 +23,7 @@ pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> 
 }
 
 /// Opens a form, or says at once that somebody must say who they are: not after a reason was typed.
-fn open(model: &mut Model, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
+pub(super) fn open(model: &mut Model, intent: Intent, consequences: Vec<String>) -> Vec<Effect> {
     if let Some(absence) = model.absence().filter(|_| !intent.stops()) {
         return refuse(model, &absence.problem().sentence());
     }
@@ -129,6 +129,7 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
         Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
         Intent::ResetAlarm(name) => return alarm_lines(alarm_now(model, name)?, Action::ResetAlarm),
         Intent::Register(_) => return Ok(register_lines()),
+        Intent::Identity(name) => return Ok(seating::lines(name)),
         Intent::Quit => return Ok(quit_lines(model)),
     };
     let (intent, lines) = intent(model, action, id)?;
@@ -184,7 +185,11 @@ fn alarm_now<'a>(model: &'a Model, name: &str) -> Result<&'a AlarmView, String> 
     alarms.iter().find(|alarm| alarm.alarm == name).ok_or_else(|| "the alarm is normal again".to_owned())
 }
 
-fn intent(model: &Model, action: Action, id: &CapabilityId) -> Result<(Intent, Vec<String>), String> {
+pub(super) fn intent(
+    model: &Model,
+    action: Action,
+    id: &CapabilityId,
+) -> Result<(Intent, Vec<String>), String> {
     let Some((state, flags)) = model.stands(id) else {
         return Err(format!("nothing is known about {id} yet"));
     };
@@ -351,7 +356,7 @@ fn pinned<'a>(model: &'a Model, id: &CapabilityId) -> Option<&'a CapabilityId> {
 
 /// The most urgent thing to stop: an active version in question, one that is not settled, the candidate under the
 /// cursor, a candidate at work, one that waits; each with what stopping it does.
-fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
+pub(super) fn abort(model: &Model) -> Option<(Abort, Vec<String>)> {
     let snapshot = model.told.snapshot.as_ref()?;
     let unsettled = |flags: &Flags| flags.provisional || flags.restricted;
     let actives: Vec<(&CapabilityId, Flags)> = snapshot
@@ -435,16 +440,17 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
     };
     let by = model.seat.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
     match action {
+        Action::Acknowledge if !model.place.marked.is_empty() => marking::acknowledge(model, &by),
         Action::Acknowledge => {
-            if alarm.acknowledged_by.is_some() {
-                return refuse(model, "somebody has acknowledged it already");
+            if let Err(why) = marking::takes(&alarm, action) {
+                return refuse(model, &why);
             }
             let what = format!("acknowledge {}", alarm.alarm);
             asking::ask(model, what, Question::Acknowledge { alarm: alarm.alarm, by })
         }
         Action::Unshelve => {
-            if alarm.shelf.is_none() {
-                return refuse(model, "it is not shelved");
+            if let Err(why) = marking::takes(&alarm, action) {
+                return refuse(model, &why);
             }
             let what = format!("unshelve {}", alarm.alarm);
             asking::ask(model, what, Question::Unshelve { alarm: alarm.alarm, by })
@@ -458,7 +464,7 @@ pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
 }
 
 /// What shelving or resetting an alarm does, or why it is not possible.
-fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<String>, String> {
+pub(super) fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<String>, String> {
     if action == Action::Shelve {
         if !alarm.priority.can_be_shelved() {
             return Err("a critical alarm stays in sight: it cannot be shelved".to_owned());

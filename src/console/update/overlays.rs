@@ -306,6 +306,12 @@ fn confirm(model: &mut Model) -> Vec<Effect> {
         model.entry.overlay = None;
         return vec![Effect::End];
     }
+    if let Intent::Identity(name) = &form.intent {
+        let name = name.clone();
+        model.entry.overlay = None;
+        tell(model, format!("making the identity {name}"), false);
+        return vec![Effect::MakeIdentity(name)];
+    }
     let confirmed = match form.confirm(model.seat.operator.as_ref()) {
         Ok(confirmed) => confirmed,
         Err(problem) => {

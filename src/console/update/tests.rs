@@ -23,11 +23,14 @@ use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_protocol::command::{Caller, Command};
 use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
 
+mod agreeing;
 mod aim;
 mod alone;
 mod following;
 mod gone;
+mod offers;
 mod reading;
+mod records;
 mod seats;
 mod signing;
 mod stopping;

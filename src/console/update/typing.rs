@@ -1,5 +1,7 @@
 //! Text at the foot of the screen: the command line and the filter.
 
+use std::collections::BTreeSet;
+
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use tui_input::InputRequest;
 
@@ -7,9 +9,12 @@ use super::{act, asking, finding, show, tell};
 use crate::commands::{self, Asked};
 use crate::effect::{Effect, Question};
 use crate::line::EditLine;
-use crate::model::{Model, Overlay, Typing, View};
+use crate::model::{CompletionMenu, Model, Overlay, Typing, View};
 
 const HISTORY_MAX: usize = 100;
+
+/// Lines that a menu offers at most.
+const COMPLETIONS_MAX: usize = 200;
 
 pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {
     model.entry.typing = Some(Typing::Command(EditLine::default()));
@@ -20,10 +25,8 @@ pub(super) fn begin_command(model: &mut Model) -> Vec<Effect> {
 /// what is typed.
 pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
     model.entry.typing = Some(match model.place.view {
-        View::Overview | View::Registry | View::Audit => {
-            let present = model.place.filters.get(&model.place.view).map_or("", String::as_str);
-            Typing::Filter(EditLine::new(present))
-        }
+        View::Audit if model.place.opened.is_some() => Typing::Find(EditLine::default()),
+        View::Overview | View::Registry | View::Audit => Typing::Filter(EditLine::new(model.place.filter())),
         View::Candidate | View::Shadow | View::Alarms | View::Approvals => Typing::Find(EditLine::default()),
     });
     Vec::new()
@@ -66,13 +69,16 @@ pub(crate) fn into_line(line: &mut EditLine, key: KeyEvent) -> bool {
 pub(super) fn key(model: &mut Model, key: KeyEvent) -> Vec<Effect> {
     let cancels = key.code == KeyCode::Esc
         || (key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL));
+    let menu = model.entry.menu.take();
     if cancels {
-        model.entry.typing = None;
+        // Out of the menu first: what was typed stands there again.
+        model.entry.typing = menu.map(|menu| Typing::Command(EditLine::new(&menu.typed)));
         return Vec::new();
     }
     match key.code {
         KeyCode::Enter => return finish(model),
-        KeyCode::Tab => complete(model),
+        KeyCode::Tab => return complete(model, menu, true),
+        KeyCode::BackTab => return complete(model, menu, false),
         KeyCode::Up => recall(model, true),
         KeyCode::Down => recall(model, false),
         _ => {
@@ -97,6 +103,7 @@ fn finish(model: &mut Model) -> Vec<Effect> {
     match model.entry.typing.take() {
         None => Vec::new(),
         Some(Typing::Find(line)) => {
+            line.text().clone_into(&mut model.place.sought);
             if !finding::is_there(model, line.text()) {
                 tell(model, format!("{:?} is not in this list", line.text()), true);
             }
@@ -104,11 +111,7 @@ fn finish(model: &mut Model) -> Vec<Effect> {
         }
         Some(Typing::Filter(line)) => {
             let text = line.text().trim().to_owned();
-            if text.is_empty() {
-                model.place.filters.remove(&model.place.view);
-            } else {
-                model.place.filters.insert(model.place.view, text);
-            }
+            model.place.set_filter(text);
             Vec::new()
         }
         Some(Typing::Command(line)) => {
@@ -141,7 +144,10 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
         Asked::Action(action) => act(model, action),
         Asked::Demo(name) => asking::register(model, name),
         Asked::Register(folder) => asking::register(model, Some(folder)),
-        Asked::As(name) => vec![Effect::UseIdentity(name)],
+        Asked::As(name) => {
+            model.seat.wanted = Some(name.clone());
+            vec![Effect::UseIdentity(name)]
+        }
         Asked::Theme(name) => {
             if model.themes.contains(&name) {
                 return vec![Effect::UseTheme(name)];
@@ -164,20 +170,46 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
     }
 }
 
-fn complete(model: &mut Model) {
-    let Some(Typing::Command(line)) = &model.entry.typing else { return };
-    let versions: Vec<String> = model
-        .told
-        .snapshot
-        .iter()
-        .flat_map(|snapshot| &snapshot.candidates)
-        .map(|candidate| candidate.version.to_string())
-        .collect();
+/// Tab: the first thing that the line could become, then the next one, round and round.
+fn complete(model: &mut Model, menu: Option<CompletionMenu>, forward: bool) -> Vec<Effect> {
+    let Some(Typing::Command(line)) = &model.entry.typing else { return Vec::new() };
+    if let Some(menu) = menu {
+        let count = menu.lines.len().max(1);
+        let at = if forward { menu.at + 1 } else { menu.at + count - 1 } % count;
+        put(model, CompletionMenu { at, ..menu });
+        return Vec::new();
+    }
+    let typed = line.text().to_owned();
+    if let Some(path) = commands::path_of(&typed) {
+        return vec![Effect::ReadFolder { typed: typed.clone(), path: path.to_owned() }];
+    }
+    let snapshot = model.told.snapshot.iter();
+    let candidates = snapshot.flat_map(|snapshot| &snapshot.candidates).map(|one| &one.version);
+    let listed = model.told.registry.page.rows.iter().map(|row| &row.version);
+    let versions: BTreeSet<String> = candidates.chain(listed).map(ToString::to_string).collect();
+    let versions: Vec<String> = versions.into_iter().collect();
     let people: Vec<String> = model.seat.identities.iter().map(|who| who.name.clone()).collect();
     let known = commands::KnownNames { versions: &versions, people: &people, themes: &model.themes };
-    if let Some(text) = commands::complete(line.text(), &known).into_iter().next() {
-        model.entry.typing = Some(Typing::Command(EditLine::new(&text)));
+    offer(model, typed.clone(), commands::complete(&typed, &known));
+    Vec::new()
+}
+
+/// What a line could become, unless something else was typed meanwhile.
+pub(super) fn offer(model: &mut Model, typed: String, mut lines: Vec<String>) {
+    let Some(Typing::Command(line)) = &model.entry.typing else { return };
+    lines.retain(|line| *line != typed);
+    lines.truncate(COMPLETIONS_MAX);
+    if line.text() == typed && !lines.is_empty() {
+        put(model, CompletionMenu { typed, lines, at: 0 });
     }
+}
+
+/// The line becomes what the menu is at. One thing alone needs no menu.
+fn put(model: &mut Model, menu: CompletionMenu) {
+    if let Some(text) = menu.lines.get(menu.at) {
+        model.entry.typing = Some(Typing::Command(EditLine::new(text)));
+    }
+    model.entry.menu = Some(menu).filter(|menu| menu.lines.len() > 1);
 }
 
 /// An earlier or a later command line.
@@ -200,6 +232,7 @@ fn recall(model: &mut Model, earlier: bool) {
 
 /// Pasted text is text and nothing else: it runs nothing, and a prompt takes none of it.
 pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
+    model.entry.menu = None;
     match (&mut model.entry.typing, &mut model.entry.overlay) {
         (Some(Typing::Command(line) | Typing::Filter(line) | Typing::Find(line)), _) => line.paste(text),
         (None, Some(Overlay::Palette(palette))) => {

@@ -46,7 +46,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let detail_rows = DETAIL_ROWS.min(inside.height / 2);
     let (list, detail) = cut(below(inside, 1), inside.height.saturating_sub(1 + detail_rows));
     pen.list(list, items.len(), Some(model.row()), |index, _| {
-        items.get(index).map_or_else(Row::new, |item| row(*item, look))
+        items.get(index).map_or_else(Row::new, |item| {
+            let marked = model.place.marked.contains(&item.alarm().alarm);
+            row(*item, marked, look)
+        })
     });
     if let Some(item) = items.get(model.row()) {
         let inside = pen.pane(detail, &super::short(&item.alarm().alarm, 80), false, "");
@@ -55,7 +58,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-fn row(item: AlarmItem<'_>, look: &Look) -> Row {
+fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
     let alarm = item.alarm();
     let priority = Mark::priority(alarm.priority);
     let state = Mark::alarm_state(alarm.state);
@@ -77,8 +80,11 @@ fn row(item: AlarmItem<'_>, look: &Look) -> Row {
     if let AlarmItem::Group { count, .. } = item {
         text = format!("{count} alarms, the first: {text}");
     }
+    // Beside the priority: what is marked is acknowledged together.
+    let mark = if marked { look.glyph(Glyph::Neutral) } else { "" };
     Row::new()
         .with(role, &priority_words(look, alarm.priority))
+        .with(ThemeRole::Focus, mark)
         .to_column(9)
         .cell(state.role, &look.words(state), 16)
         .with(ThemeRole::Text, " ")

@@ -1,33 +1,44 @@
-//! View 7: the log, the newest first, whether its chain has been checked, what the engine has counted of the metrics
-//! since it came up, and the record under the cursor in full.
+//! View 7: the log in sentences, the newest first and by kind, whether its chain has been checked, what the engine has
+//! counted of the metrics since it came up, and the record under the cursor; Enter shows it as it was written.
 //!
 //! ```text
-//! ▸ Audit ─────────── ✔ chain holds, 391 records checked · 1 of 4 ─
-//!   number  time      kind      subject      content
-//! ▸ 391     00:12:22  approval  align@2.0.0  {"by":"grace", …
-//! ── Record 391 ─────────────────────────────────────────────
+//! [Told] People  Alarms  Store  All                                   1 of 4
+//! ✔ chain holds, 391 records checked
+//!   number time      kind          about        what it says
+//! ▸ 391    00:12:22  approval-put  align@2.0.0  grace says approve: read the evidence
+//! ── Record 391 ─────────────────────────────── enter shows it raw ─
 //! ```
 
 use ratatui::layout::Rect;
 
+use super::tabs;
 use crate::action::Action;
+use crate::audit::{self, AuditItem, sentence};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
-use crate::widgets::list::place;
+use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
-use crate::widgets::row::Row;
+use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
 use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::record::AuditRecord;
 
-/// Characters of a record's content that a list's row looks at.
-const CONTENT_CHARS: usize = 200;
+/// The most lines for the record under the cursor.
+const DETAIL_ROWS_MAX: u16 = 8;
+
+/// Lines of one wrapped line of a raw record.
+const RAW_WRAP_ROWS: usize = 12;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    if let Some(record) = model.opened_record() {
+        return raw(model, record, pen, area);
+    }
     let rows = model.audit_rows();
     let cursor = model.place.cursor().min(rows.len().saturating_sub(1));
-    let mut at = 0;
-    let inside = pen.pane(area, "Audit", true, &place(rows.len(), cursor));
+    let mut at = 1;
+    let place = Row::of(ThemeRole::Muted, &place(rows.len(), cursor));
+    tabs::draw_panes(model, place, pen, area);
+    let inside = area;
     pen.row(inside, at, &verified(model, pen));
     at += 1;
     if let Some(text) = model.told.snapshot.as_ref().and_then(|snapshot| counted(&snapshot.observed)) {
@@ -35,45 +46,104 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         at += 1;
     }
     if rows.is_empty() {
-        let text = if model.filter().is_empty() {
-            "No record has been read yet"
-        } else {
-            "No record fits the filter"
+        let text = match (model.told.audit.rows.is_empty(), model.filter().is_empty()) {
+            (true, _) => "No record has been read yet",
+            (false, true) => "No record of this kind among those that were read",
+            (false, false) => "No record fits the filter",
         };
         pen.text(below(inside, at), 0, ThemeRole::Muted, text);
         return;
     }
-    let subject = if pen.fit >= Fit::Full { 24 } else { 14 };
-    let header = Row::new()
-        .to_column(2)
-        .cell(ThemeRole::Muted, "number", 8)
-        .cell(ThemeRole::Muted, "time", 10)
-        .cell(ThemeRole::Muted, "kind", 16)
-        .cell(ThemeRole::Muted, "subject", subject + 1)
-        .with(ThemeRole::Muted, "content");
-    pen.row(inside, at, &header);
+    let columns = Columns::of(pen.fit);
+    pen.row(inside, at, &columns.header());
     at += 1;
     let room = inside.height.saturating_sub(at);
-    let detail = (room / 3).clamp(room.min(4), 10);
+    let detail = (room / 4).clamp(room.min(3), DETAIL_ROWS_MAX);
     let (list, foot) = cut(below(inside, at), room.saturating_sub(detail));
     pen.list(list, rows.len(), Some(cursor), |index, _| {
-        rows.get(index).map_or_else(Row::new, |row| line(row, subject))
+        rows.get(index).map_or_else(Row::new, |row| line(row, &columns))
     });
     if let Some(row) = rows.get(cursor) {
-        record(row, pen, foot);
+        record(model, row, pen, foot);
     }
 }
 
-fn line(row: &AuditRecord, subject: usize) -> Row {
-    let content: String = row.body.chars().take(CONTENT_CHARS).collect();
+/// Widths of the columns; nothing for one that there is no room for.
+struct Columns {
+    number: usize,
+    time: usize,
+    kind: usize,
+    subject: usize,
+}
+
+impl Columns {
+    const fn of(fit: Fit) -> Self {
+        match fit {
+            Fit::Full => Self { number: 7, time: 10, kind: 23, subject: 22 },
+            Fit::Two => Self { number: 7, time: 10, kind: 0, subject: 14 },
+            Fit::One => Self { number: 7, time: 10, kind: 0, subject: 13 },
+            Fit::Tiny => Self { number: 0, time: 9, kind: 0, subject: 12 },
+        }
+    }
+
+    fn header(&self) -> Row {
+        Row::new()
+            .to_column(usize::from(GUTTER))
+            .cell(ThemeRole::Muted, "number", self.number)
+            .cell(ThemeRole::Muted, "time", self.time)
+            .cell(ThemeRole::Muted, "kind", self.kind)
+            .cell(ThemeRole::Muted, "about", self.subject)
+            .with(ThemeRole::Muted, "what it says")
+    }
+}
+
+fn line(row: &AuditItem<'_>, columns: &Columns) -> Row {
+    let record = row.record;
+    let apart = |text: &str, width: usize| super::short(text, width.saturating_sub(1));
+    let subject = if record.subject.is_empty() { "-" } else { &record.subject };
     Row::new()
-        .cell(ThemeRole::Muted, &row.seq.to_string(), 8)
-        .cell(ThemeRole::Muted, &seconds(row.at_ms), 10)
-        .cell(ThemeRole::Text, &row.kind.to_string(), 15)
-        .with(ThemeRole::Text, " ")
-        .cell(ThemeRole::Text, &row.subject, subject)
-        .with(ThemeRole::Text, " ")
-        .with(ThemeRole::Muted, &content)
+        .cell(ThemeRole::Muted, &apart(&record.seq.to_string(), columns.number), columns.number)
+        .cell(ThemeRole::Muted, &apart(&seconds(record.at_ms), columns.time), columns.time)
+        .cell(ThemeRole::Text, &apart(&record.kind.to_string(), columns.kind), columns.kind)
+        .cell(ThemeRole::Text, &apart(subject, columns.subject), columns.subject)
+        .with(ThemeRole::Text, &said(row))
+}
+
+/// What a row says: of a run, how many records it stands for.
+fn said(row: &AuditItem<'_>) -> String {
+    if row.count > 1 {
+        return format!("{} records of sealed telemetry, the newest: {}", row.count, sentence(row.record));
+    }
+    sentence(row.record)
+}
+
+/// One line of the log for the smallest windows.
+#[must_use]
+pub fn brief(row: &AuditItem<'_>) -> Row {
+    line(row, &Columns::of(Fit::Tiny))
+}
+
+/// A record as it was written, line by line.
+fn raw(model: &Model, record: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
+    let lines = audit::raw(record);
+    let scroll = model.place.opened.map_or(0, |opened| opened.scroll).min(lines.len().saturating_sub(1));
+    let key = model.keymap.key(Action::Back);
+    let right = format!("line {} of {}, {key} closes", scroll + 1, lines.len());
+    let inside = pen.pane(area, &format!("Record {} as it was written", record.seq), true, &right);
+    let width = usize::from(inside.width);
+    let shown = lines.iter().skip(scroll).take(usize::from(inside.height));
+    let rows: Vec<Row> = shown
+        .flat_map(|line| {
+            let lead = line.chars().take_while(|sign| *sign == ' ').count().min(width / 2);
+            let lines = wrap(line.trim_start(), width.saturating_sub(lead), RAW_WRAP_ROWS);
+            let lines = if lines.is_empty() { vec![String::new()] } else { lines };
+            lines
+                .into_iter()
+                .map(move |line| Row::of(ThemeRole::Text, &format!("{}{line}", " ".repeat(lead))))
+        })
+        .take(usize::from(inside.height))
+        .collect();
+    pen.rows(inside, 0, &rows);
 }
 
 /// What the engine has counted since it came up; nothing before an upgrade was active in its life.
@@ -130,12 +200,14 @@ fn verified(model: &Model, pen: &Pen<'_>) -> Row {
     }
 }
 
-fn record(row: &AuditRecord, pen: &mut Pen<'_>, area: Rect) {
-    let hash = format!("hash {}", row.hash.short());
-    let inside = pen.pane(area, &format!("Record {}", row.seq), false, &hash);
-    let head = format!("{} {} {}", seconds(row.at_ms), row.kind, row.subject);
+fn record(model: &Model, row: &AuditItem<'_>, pen: &mut Pen<'_>, area: Rect) {
+    let of = row.record;
+    let key = model.keymap.key(Action::Open);
+    let right = format!("hash {}, {key} shows it raw", of.hash.short());
+    let inside = pen.pane(area, &format!("Record {}", of.seq), false, &right);
+    let head = format!("{} {} {}", seconds(of.at_ms), of.kind, of.subject);
     let at = pen.text(inside, 0, ThemeRole::Title, &head);
-    pen.text(inside, at, ThemeRole::Text, &row.body);
+    pen.text(inside, at, ThemeRole::Text, &said(row));
 }
 
 #[cfg(test)]

@@ -19,11 +19,20 @@ use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
+use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::detail::Detail;
 use holdpoint_protocol::snapshot::CandidateView;
 
+const DIFFERENCE: usize = 1;
+
+const SANDBOX: usize = 2;
+
+const DRILLS: usize = 3;
+
 /// The pane of the decisions, which stands beside the checks if there is room.
 const TIMELINE: usize = 4;
+
+const AUDIT: usize = 5;
 
 /// Columns from which the timeline stands beside the checks.
 const BESIDE_WIDTH: u16 = 110;
@@ -55,12 +64,12 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let area = below(area, 1);
     if pane == 0 && area.width >= BESIDE_WIDTH {
         let (left, right) = pen.split(area, area.width * 3 / 5);
-        items(&rows, cursor, pen, left);
+        items(&rows, cursor, &nothing(model, detail, pane), pen, left);
         let inside = pen.pane(right, "Timeline", false, "");
         let decisions = model.candidate_rows(TIMELINE);
         timeline(&decisions, pen, inside);
     } else {
-        items(&rows, cursor, pen, area);
+        items(&rows, cursor, &nothing(model, detail, pane), pen, area);
     }
 }
 
@@ -115,11 +124,40 @@ fn heading(model: &Model, detail: &Detail, look: &Look, width: usize, fit: Fit) 
     rows
 }
 
+/// Why a pane without rows has none.
+fn nothing(model: &Model, detail: &Detail, pane: usize) -> String {
+    let stands = model.stands(&detail.version);
+    let commissioned = model.candidate(&detail.version).is_none() && detail.dimensions.is_empty();
+    match (pane, &detail.against) {
+        (DIFFERENCE, Some(against)) => format!("No field of manifest or parameters differs from {against}"),
+        (DIFFERENCE, None) => match stands.map(|(state, _)| state) {
+            Some(State::Active | State::Superseded | State::RolledBack) => {
+                "It took over from no other version, so there is nothing that it differs from".to_owned()
+            }
+            _ => format!("Nothing to compare with: no version of {} is active", detail.version.family),
+        },
+        (TIMELINE, _) => "No decision has been made about it yet".to_owned(),
+        (AUDIT, _) => "No record about it has been read".to_owned(),
+        _ if commissioned => "It was commissioned with the cell, and judged by nothing".to_owned(),
+        (place, _) => {
+            let what = match place {
+                SANDBOX => "No sandbox episode",
+                DRILLS => "No recovery drill",
+                _ => "No check",
+            };
+            match stands {
+                Some((state, _)) if state.is_terminal() => {
+                    format!("{what} of it is on record: it was {} before", state.name())
+                }
+                _ => format!("{what} of it has been worked yet"),
+            }
+        }
+    }
+}
+
 /// Rows of differing height, scrolled so that the one under the cursor is in sight.
-fn items(rows: &[CandidateItem<'_>], cursor: usize, pen: &mut Pen<'_>, area: Rect) {
+fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &str, pen: &mut Pen<'_>, area: Rect) {
     if rows.is_empty() {
-        let nothing =
-            "Nothing here: this stage has not been reached, or the version was commissioned unjudged";
         pen.text(area, 0, ThemeRole::Muted, nothing);
         return;
     }

@@ -1,11 +1,13 @@
 //! The rows of the candidate view: each kind of fact in one to a few lines.
 
+use std::borrow::Cow;
+
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::rows::CandidateItem;
 use crate::theme::mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
-use crate::words::{kappa_sign, reason_line, seconds};
+use crate::words::{finding, kappa_sign, reason_line, seconds};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_protocol::detail::{Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
@@ -23,6 +25,11 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
         CandidateItem::Worsening(measure) => vec![worsened(measure, look, width)],
         CandidateItem::Measure(measure) => vec![measured(measure, width)],
         CandidateItem::Reason(reason) => text(ThemeRole::Text, &reason_line(reason), width),
+        CandidateItem::Unproven(reason, measure) => {
+            let [low, high] = measure.interval.unwrap_or_default();
+            let doubt = format!("not established: worse by {low:+.3}..{high:+.3}");
+            text(ThemeRole::Text, &format!("{}; {doubt}", reason_line(reason)), width)
+        }
         CandidateItem::Condition(condition) => {
             let glyph = look.glyph(Glyph::Warning);
             text(ThemeRole::Warning, &format!("{glyph} condition: {condition}"), width)
@@ -179,7 +186,11 @@ fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
         let sign = if reason.in_favour { "+" } else { "-" };
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
         let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
-        say(ThemeRole::Text, &format!("{sign} {code}: {}{measured}", reason.text));
+        let text = match reason.code.as_ref().and_then(|code| code.known()) {
+            Some(known) => finding(*known, &reason.text),
+            None => Cow::Borrowed(reason.text.as_str()),
+        };
+        say(ThemeRole::Text, &format!("{sign} {code}: {text}{measured}"));
     }
     for change in &decision.change {
         say(ThemeRole::Text, &format!("would change it: {change}"));

@@ -11,6 +11,7 @@ use crate::form::FormFocus;
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{EngineLink, Model, Notice, Overlay, Typing, View};
 use crate::prompt::Focus;
+use crate::update::possible::Possible;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, wrap};
 
@@ -195,31 +196,63 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (Some(Overlay::Form(form)), _) if form.is_one_key() || form.void.is_some() => &[A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
         (Some(Overlay::Why(_) | Overlay::Film(_)), _) => &[A::Back],
-        (None, View::Overview) => &[A::Open, A::Abort, A::Pause, A::ShowApprovals, A::NextPane, A::Freeze],
-        (None, View::Registry) => {
-            &[A::Open, A::NextPane, A::Filter, A::Rollback, A::Demote, A::Repeat, A::Release, A::Rearm]
+        (None, View::Overview) => &[
+            A::Go,
+            A::Open,
+            A::Abort,
+            A::Pause,
+            A::Resume,
+            A::ShowApprovals,
+            A::NextPane,
+            A::Freeze,
+            A::Filter,
+        ],
+        (None, View::Registry) => &[
+            A::Open,
+            A::NextPane,
+            A::Filter,
+            A::Sort,
+            A::Rollback,
+            A::Resume,
+            A::Demote,
+            A::Repeat,
+            A::Release,
+            A::Rearm,
+        ],
+        (None, View::Candidate) => &[
+            A::Open,
+            A::NextPane,
+            A::OpenRecording,
+            A::Pause,
+            A::Resume,
+            A::Continue,
+            A::Refuse,
+            A::Rollback,
+            A::Release,
+            A::Repeat,
+            A::Rearm,
+            A::Abort,
+            A::Copy,
+        ],
+        (None, View::Shadow) => {
+            &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Resume, A::Abort]
         }
-        (None, View::Candidate) => {
-            &[A::Open, A::NextPane, A::OpenRecording, A::Pause, A::Refuse, A::Abort, A::Copy]
+        (None, View::Alarms) => {
+            &[A::Acknowledge, A::Mark, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort]
         }
-        (None, View::Shadow) => &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Abort],
-        (None, View::Alarms) => &[A::Acknowledge, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort],
         (None, View::Approvals) => &[A::Open, A::Continue, A::Rollback, A::Abort],
-        (None, View::Audit) => &[A::Verify, A::Filter, A::Copy, A::Export],
+        (None, View::Audit) => &[A::Open, A::NextPane, A::Verify, A::Filter, A::Copy, A::Export],
     };
     if model.bare_absence().is_some() && model.entry.overlay.is_none() {
         return vec![A::CommandLine, A::Help, A::Quit];
     }
-    let mut all = here.to_vec();
-    // What is held already can be let go on.
-    let here = model.version_here();
-    if here.and_then(|id| Some(model.candidate(&id)?.flags.paused)).unwrap_or(false) {
-        all.iter_mut().filter(|action| **action == A::Pause).for_each(|action| *action = A::Resume);
+    if model.entry.overlay.is_some() {
+        return here.to_vec();
     }
-    if model.entry.overlay.is_none() {
-        all.extend([A::JumpToAlarm, A::CommandLine, A::Help, A::Quit]);
-    }
-    all
+    // A key that would be refused as things stand is no hint.
+    let possible = Possible::of(model);
+    let all = here.iter().copied().chain([A::JumpToAlarm, A::CommandLine, A::Help, A::Quit]);
+    all.filter(|action| possible.is_offered(*action)).collect()
 }
 
 fn keys(model: &Model, actions: &[Action], width: usize) -> Row {
@@ -268,6 +301,9 @@ fn label(model: &Model, action: Action) -> String {
         (Action::CommandLine, _, _) => "command",
         (Action::OpenRecording, _, _) => "recording",
         (Action::ResetAlarm, _, _) => "reset",
+        (Action::Go, _, _) => "let it work again",
+        (Action::Freeze, _, _) if model.place.frozen.is_some() => "let run",
+        (Action::Open, None, View::Audit) => "raw record",
         (Action::Pause, _, _) => "hold",
         (Action::Resume, _, _) => "let go on",
         (Action::Quit, None, View::Overview) if !model.told.ends_with_this() => "leave it on",

@@ -15,15 +15,20 @@ use ratatui::layout::Rect;
 use super::{families, pipeline, robot, story, tabs};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
-use crate::rows::WaitingItem;
+use crate::rows::{CandidateItem, WaitingItem};
 use crate::widgets::list::place;
-use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::duration;
 
 const PIPELINE: usize = 0;
-const ROBOT: usize = 1;
-const STORY: usize = 2;
+pub(super) const ROBOT: usize = 1;
+pub(super) const STORY: usize = 2;
+
+/// Columns and rows from which the checks of the candidate under the cursor stand below the pipeline.
+const WIDE_COLUMNS: u16 = 160;
+
+const WIDE_ROWS: u16 = 30;
 
 /// Columns in which the seven stages have their words.
 const STRIP_WIDTH: u16 = 62;
@@ -37,7 +42,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 fn one(model: &Model, pen: &mut Pen<'_>, area: Rect) {
-    pen.row(area, 0, &tabs::panes(model));
+    tabs::draw_panes(model, Row::new(), pen, area);
     let area = below(area, 1);
     match model.place.pane() {
         ROBOT => robot::draw(model, pen, area),
@@ -63,7 +68,13 @@ fn full(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let story = (area.height / 4).max(6);
     let (upper, lower) = cut(area, area.height - story);
     let (left, right) = pen.split(upper, (upper.width * 3 / 5).max(STRIP_WIDTH));
-    work(model, pen, left);
+    if area.width >= WIDE_COLUMNS && left.height >= WIDE_ROWS {
+        let (left, below_it) = cut(left, left.height / 2);
+        work(model, pen, left);
+        under_cursor(model, pen, below_it);
+    } else {
+        work(model, pen, left);
+    }
     let waiting = waiting_height(model).min(right.height / 3);
     let (robot, waits) = cut(right, right.height - waiting);
     robot_pane(model, pen, robot);
@@ -82,8 +93,37 @@ fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let focused = model.place.pane() == PIPELINE;
     let count = model.pipeline_rows().len();
     let cursor = if focused { model.row() } else { 0 };
+    pen.hit(area, Hit::Pane(PIPELINE));
     let inside = pen.pane(bottom, "Pipeline", focused, &place(count, cursor));
     pipeline::draw(model, pen, inside, focused);
+}
+
+/// What is known of the candidate under the cursor, where a large screen has room for it: its four checks and every
+/// reason of the last decision.
+fn under_cursor(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let rows = model.pipeline_rows();
+    let at = if model.place.in_story() { 0 } else { model.row() };
+    let Some(candidate) = rows.get(at) else {
+        pen.pane(area, "Checks", false, "");
+        return;
+    };
+    let key = model.keymap.key(crate::action::Action::Open);
+    let title = format!("Checks of {}", candidate.version);
+    let inside = pen.pane(area, &title, false, &format!("{key} opens all of it"));
+    let (look, width) = (pen.look, usize::from(inside.width));
+    let dimensions = candidate.dimensions.iter().map(CandidateItem::Dimension);
+    let reasons = candidate.reasons.iter().map(CandidateItem::Reason);
+    let conditions = candidate.conditions.iter().map(CandidateItem::Condition);
+    let rows: Vec<Row> = dimensions
+        .chain(reasons)
+        .chain(conditions)
+        .flat_map(|row| super::candidate_rows::item(&row, look, width))
+        .collect();
+    if rows.is_empty() {
+        pen.text(inside, 0, ThemeRole::Muted, "Nothing of it has been checked yet");
+        return;
+    }
+    pen.rows(inside, 0, &rows);
 }
 
 fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
@@ -93,13 +133,23 @@ fn robot_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         .as_ref()
         .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
         .unwrap_or_default();
+    pen.hit(area, Hit::Pane(ROBOT));
     let inside = pen.pane(area, "Robot", model.place.pane() == ROBOT, &at);
     robot::draw(model, pen, inside);
 }
 
 fn story_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let focused = model.place.pane() == STORY;
-    let inside = pen.pane(area, "Story", focused, "newest first");
+    // What is filtered must not look like all there is.
+    let filter = model.story_filter();
+    let right = if filter.is_empty() {
+        "newest first".to_owned()
+    } else {
+        let (shown, all) = (model.story_rows().len(), model.story().len());
+        format!("{shown} of {all} lines with {:?}, newest first", super::short(filter, 24))
+    };
+    pen.hit(area, Hit::Pane(STORY));
+    let inside = pen.pane(area, "Story", focused, &right);
     let inside = super::frozen(model, pen, inside);
     story::draw(model, pen, inside, focused);
 }

@@ -13,6 +13,7 @@ use super::hints::field;
 use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::palette::Palette;
+use crate::update::possible::Possible;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::Row;
@@ -38,17 +39,30 @@ pub fn draw(model: &Model, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
         pen.text(list, 0, ThemeRole::Muted, "Nothing fits; Backspace widens the search");
         return;
     }
+    let possible = Possible::of(model);
     pen.list(list, rows.len(), Some(cursor), |index, _| {
         let Some(action) = rows.get(index) else { return Row::new() };
         let keys = model.keymap.keys(*action).join(" ");
-        let off = model.settings.read_only && action.changes_something();
+        // What would be refused stays in its place, and says why.
+        let why = if model.settings.read_only && action.changes_something() {
+            Some("read-only".to_owned())
+        } else {
+            possible.why_not(*action)
+        };
+        let off = why.is_some();
         let role = if off { ThemeRole::KeyOff } else { ThemeRole::Text };
         let row = Row::new()
             .cell(if off { ThemeRole::KeyOff } else { ThemeRole::Key }, &keys, 14)
             .with(role, " ")
             .cell(role, action.word(), 16)
-            .with(role, " ")
-            .with(role, action.help());
-        if off { row.with(ThemeRole::KeyOff, " (off: read-only)") } else { row }
+            .with(role, " ");
+        match why {
+            Some(why) => {
+                // How the version stands is on the screen: the rule is what is news.
+                let rule = why.rsplit("; ").next().unwrap_or(&why);
+                row.with(ThemeRole::KeyOff, &format!("(off: {rule}) {}", action.help()))
+            }
+            None => row.with(role, action.help()),
+        }
     });
 }

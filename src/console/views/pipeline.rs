@@ -12,13 +12,13 @@ use ratatui::layout::Rect;
 
 use crate::action::Action;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::Model;
+use crate::model::{Headway, Model};
 use crate::theme::Mark;
 use crate::widgets::bar::progress;
 use crate::widgets::list::GUTTER;
-use crate::widgets::pen::{Pen, below};
+use crate::widgets::pen::{Hit, Pen, below};
 use crate::widgets::row::{Row, wrap};
-use crate::words::{MONITOR_PLACE, STAGES, duration, reason_line, stage_place, stages_done};
+use crate::words::{MONITOR_PLACE, STAGES, duration, reason_line, stage_place, stages_done, waits_for};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
 
@@ -36,7 +36,13 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let width = usize::from(area.width.saturating_sub(GUTTER));
     let look = pen.look;
     let block = |index: usize, candidate: &CandidateView| {
-        rows(candidate, model.engine_ms(), look, width, index == cursor)
+        let headway = model.told.headway.get(&candidate.version);
+        let mut rows = rows(candidate, headway, model.engine_ms(), look, width, index == cursor);
+        if let Some(text) = model.told.snapshot.as_deref().and_then(|now| waits_for(now, candidate)) {
+            // Below name and stages, before what was decided earlier.
+            rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
+        }
+        rows
     };
     // From the cursor upward for half the height, then down from there.
     let mut first = cursor;
@@ -58,6 +64,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
         let inner =
             Rect { x: area.x + GUTTER.min(area.width), width: area.width.saturating_sub(GUTTER), ..area };
         let taken = pen.rows(inner, at, &block);
+        let place = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
+        pen.hit(place, Hit::Row { pane: Some(0), row: index });
         if focused && index == cursor {
             pen.row(area, at, &Row::of(ThemeRole::Text, pen.look.glyph(Glyph::Here)));
             pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);
@@ -91,7 +99,14 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// One candidate's lines; all of them if it is the chosen one.
-fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chosen: bool) -> Vec<Row> {
+fn rows(
+    candidate: &CandidateView,
+    headway: Option<&Headway>,
+    now_ms: u64,
+    look: &Look,
+    width: usize,
+    chosen: bool,
+) -> Vec<Row> {
     let name = candidate.version.to_string();
     let room = width.saturating_sub(name.len() + 2);
     let by = format!(
@@ -109,7 +124,12 @@ fn rows(candidate: &CandidateView, now_ms: u64, look: &Look, width: usize, chose
         rows.push(strip(candidate, look, width));
     }
     if let Some(progress) = &candidate.progress {
-        rows.extend(running(progress, now_ms, look, width, chosen));
+        rows.extend(running(progress, headway, now_ms, look, width, chosen));
+    } else if let Some(stage) = candidate.flags.running.filter(|_| !candidate.flags.paused) {
+        rows.push(Row::of(
+            ThemeRole::Muted,
+            &format!("{} begins; nothing of it is worked yet", stage.name()),
+        ));
     } else if let Some(reason) =
         candidate.reasons.first().filter(|_| chosen || candidate.state == State::Rejected)
     {
@@ -173,9 +193,20 @@ pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
     row
 }
 
-fn running(view: &ProgressView, now_ms: u64, look: &Look, width: usize, chosen: bool) -> Vec<Row> {
+fn running(
+    view: &ProgressView,
+    headway: Option<&Headway>,
+    now_ms: u64,
+    look: &Look,
+    width: usize,
+    chosen: bool,
+) -> Vec<Row> {
     let elapsed_ms = now_ms.saturating_sub(view.since_ms);
-    let time = match expected_ms(view, elapsed_ms) {
+    let expected_ms = match headway {
+        Some(headway) => headway.expected_ms(view, now_ms),
+        None => expected_ms(view, elapsed_ms),
+    };
+    let time = match expected_ms {
         Some(all_ms) => format!("{} of about {}", duration(elapsed_ms), duration(all_ms)),
         None => duration(elapsed_ms),
     };

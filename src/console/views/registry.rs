@@ -12,7 +12,7 @@ use ratatui::layout::Rect;
 
 use super::tabs;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::Model;
+use crate::model::{Model, SortBy, SortOrder};
 use crate::rows::RegistryItem;
 use crate::widgets::bar::against_limit;
 use crate::widgets::list::{GUTTER, place};
@@ -33,7 +33,12 @@ struct Columns {
     name: usize,
     state: usize,
     bar: usize,
+    /// Who made it, how and at what risk; nothing without room for it. What the rest of the line says comes behind.
+    by: usize,
 }
+
+/// Columns from which who made a version and why it stands there are beside it.
+const WIDE: usize = 150;
 
 /// Columns of the widest age, `59 min`.
 const AGE_WIDTH: usize = 6;
@@ -49,11 +54,12 @@ impl Columns {
         5 + self.bar + 1
     }
 
-    const fn of(fit: Fit) -> Self {
+    const fn of(fit: Fit, width: usize) -> Self {
         match fit {
-            Fit::Full => Self { name: 20, state: 22, bar: 5 },
-            Fit::Two => Self { name: 17, state: 21, bar: 2 },
-            Fit::One | Fit::Tiny => Self { name: 9, state: 22, bar: 0 },
+            Fit::Full if width >= WIDE => Self { name: 20, state: 30, bar: 8, by: 30 },
+            Fit::Full => Self { name: 20, state: 22, bar: 5, by: 0 },
+            Fit::Two => Self { name: 17, state: 21, bar: 2, by: 0 },
+            Fit::One | Fit::Tiny => Self { name: 9, state: 22, bar: 0, by: 0 },
         }
     }
 }
@@ -65,11 +71,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let total = model.told.registry.page.total;
     let shown = model.told.registry.page.rows.len() as u64;
     let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
-    let head = tabs::panes(model);
     let place = format!("{}  {right}", place(items.len(), cursor));
     let place = Row::of(ThemeRole::Muted, place.trim_end());
     let width = usize::from(area.width);
-    pen.row(area, 0, &head.to_column(width.saturating_sub(place.width())).and(place));
+    tabs::draw_panes(model, place, pen, area);
     let area = below(area, 1);
     if items.is_empty() {
         let text =
@@ -77,12 +82,15 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
-    let columns = Columns::of(pen.fit);
+    let columns = Columns::of(pen.fit, width);
     let look = pen.look;
     // Half an age is none: where there is no room for the widest, the lines below tell it alone.
     let has_age = columns.before_age() + AGE_WIDTH <= width;
-    pen.row(area, 0, &header(&columns, has_age, look));
-    let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + DETAIL_ROWS));
+    pen.row(area, 0, &header(&columns, has_age, model.told.registry.sort, look));
+    // Of what is under the cursor a large screen says more, and the list keeps what it needs.
+    let left = area.height.saturating_sub(1 + u16::try_from(items.len()).unwrap_or(u16::MAX));
+    let detail_rows = left.clamp(DETAIL_ROWS, (area.height / 3).max(DETAIL_ROWS));
+    let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + detail_rows));
     let now_ms = model.engine_ms();
     let limits = model.told.registry.page.thresholds;
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
@@ -93,33 +101,63 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
                 &format!("  {versions} {}", if *versions == 1 { "version" } else { "versions" }),
             )
         }
-        Some(RegistryItem::Version(row)) => version(row, limits, has_age.then_some(now_ms), &columns, look),
+        Some(RegistryItem::Version(row)) => {
+            let flat = model.told.registry.is_flat();
+            let line = version(row, flat, limits, has_age.then_some(now_ms), &columns, look);
+            if columns.by > 0 { line.and(beside(model, row, &columns)) } else { line }
+        }
         None => Row::new(),
     });
     detail(model, items.get(cursor), pen, foot);
 }
 
-fn header(columns: &Columns, has_age: bool, look: &Look) -> Row {
+/// The columns' names; the one that the rows are in the order of has a sign.
+fn header(columns: &Columns, has_age: bool, sort: SortOrder, look: &Look) -> Row {
+    let sign = look.glyph(if sort.reversed { Glyph::Up } else { Glyph::Down });
+    let said = |by: SortBy, word: &str| {
+        let marked = sort.by == by && sort != SortOrder::default();
+        if marked { format!("{word}{sign}") } else { word.to_owned() }
+    };
     let mut row = Row::new()
         .to_column(usize::from(GUTTER))
-        .cell(ThemeRole::Muted, "version", columns.name)
-        .cell(ThemeRole::Muted, "state", columns.state)
+        .cell(ThemeRole::Muted, &said(SortBy::Tree, "version"), columns.name)
+        .cell(ThemeRole::Muted, &said(SortBy::State, "state"), columns.state)
         .with(ThemeRole::Text, " ");
-    for dimension in DIMENSIONS {
-        row = row.cell(ThemeRole::Muted, kappa_sign(dimension, look.ascii()), columns.kappa());
+    for (place, dimension) in DIMENSIONS.into_iter().enumerate() {
+        let word = said(SortBy::Kappa(place), kappa_sign(dimension, look.ascii()));
+        row = row.cell(ThemeRole::Muted, &word, columns.kappa());
     }
-    row.with(ThemeRole::Muted, if has_age { " age" } else { "" })
+    let age = if has_age { said(SortBy::Age, " age") } else { String::new() };
+    let age = age.as_str();
+    if columns.by == 0 {
+        return row.with(ThemeRole::Muted, age);
+    }
+    row.cell(ThemeRole::Muted, age, AGE_WIDTH + 3)
+        .cell(ThemeRole::Muted, &said(SortBy::Author, "made by"), columns.by)
+        .with(ThemeRole::Muted, "why it stands there")
+}
+
+/// Who made it, and the deciding reason, for a wide screen.
+fn beside(model: &Model, row: &VersionSummary, columns: &Columns) -> Row {
+    let by = format!("{}, {}, {}", super::short(&row.author, 14), row.provenance, row.risk);
+    let room = columns.by.saturating_sub(1);
+    let reason = model.candidate(&row.version).and_then(|candidate| candidate.reasons.first());
+    Row::new()
+        .cell(ThemeRole::Muted, &super::short(&by, room), columns.by)
+        .with(ThemeRole::Text, &reason.map(reason_line).unwrap_or_default())
 }
 
 fn version(
     row: &VersionSummary,
+    flat: bool,
     limits: [f64; 4],
     now_ms: Option<u64>,
     columns: &Columns,
     look: &Look,
 ) -> Row {
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
-    let name = format!("  {}{baseline}", row.version.version);
+    // In one list a version's family is no heading above it.
+    let name = if flat { row.version.to_string() } else { format!("  {}{baseline}", row.version.version) };
     let mut line = Row::new()
         .cell(ThemeRole::Text, &name, columns.name)
         .and(super::stands(row.state, &row.flags, columns.state, look))
@@ -138,7 +176,10 @@ fn version(
     }
     let age =
         now_ms.map_or_else(String::new, |now_ms| format!(" {}", age(now_ms.saturating_sub(row.changed_ms))));
-    line.with(ThemeRole::Muted, &age)
+    if columns.by == 0 {
+        return line.with(ThemeRole::Muted, &age);
+    }
+    line.cell(ThemeRole::Muted, &age, AGE_WIDTH + 3)
 }
 
 /// How long ago, in the largest unit that fits: [`AGE_WIDTH`] columns at most.
@@ -180,8 +221,12 @@ fn detail(model: &Model, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, are
     pen.row(inside, 0, &sentence);
     let Some(candidate) = model.candidate(&row.version) else { return };
     let composite = candidate.composite.map_or_else(String::new, |value| format!("composite {value:.3}  "));
-    let reason = candidate.reasons.first().map(reason_line).unwrap_or_default();
-    pen.text(below(inside, 1), 0, ThemeRole::Text, &format!("{composite}{reason}"));
+    let mut rest = below(inside, 1);
+    for (at, reason) in candidate.reasons.iter().enumerate() {
+        let lead = if at == 0 { composite.as_str() } else { "" };
+        let taken = pen.text(rest, 0, ThemeRole::Text, &format!("{lead}{}", reason_line(reason)));
+        rest = below(rest, taken);
+    }
 }
 
 #[cfg(test)]
@@ -206,8 +251,8 @@ mod tests {
             assert_eq!(age(age_ms), text);
             assert!(age(age_ms).len() <= AGE_WIDTH, "{text}");
         }
-        for (width, height) in [(80, 24), (100, 30), (120, 36)] {
-            let columns = Columns::of(Fit::of(width, height));
+        for (width, height) in [(80, 24), (100, 30), (120, 36), (200, 60)] {
+            let columns = Columns::of(Fit::of(width, height), usize::from(width));
             assert!(columns.before_age() + AGE_WIDTH <= usize::from(width), "{width} columns");
         }
     }

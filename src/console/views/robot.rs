@@ -13,7 +13,7 @@
 use ratatui::layout::Rect;
 
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Model;
+use crate::model::{Framing, Model};
 use crate::widgets::dots::{Dots, Ink};
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
@@ -29,8 +29,14 @@ const TWIN: Ink = Ink { role: ThemeRole::Twin, ascii: "+", dashed: true };
 const OBJECT: Ink = Ink { role: ThemeRole::Object, ascii: "O", dashed: false };
 const CONTACT: Ink = Ink { role: ThemeRole::Contact, ascii: "!", dashed: false };
 
-/// The metre grid that a view's bounds are rounded to, m: a moving arm does not change the scale all the time.
+/// The least that a view shows in one direction, m.
 const STEP_M: f32 = 0.2;
+
+/// Lines kept below the picture: what is done and what is wrong, how whoever does it stands, the twin.
+const CAPTION_ROWS: u16 = 3;
+
+/// Lines of the pane from which so many are kept.
+const CAPTIONS_FROM: u16 = 16;
 
 /// Room round what must be in sight, m.
 const MARGIN_M: f32 = 0.05;
@@ -52,7 +58,13 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let scenery = model.told.snapshot.as_ref().map_or(&nothing, |snapshot| &snapshot.scenery);
     let stopped = model.told.snapshot.as_deref().and_then(super::status::stopped);
     let stands = stopped.into_iter().chain(unsettled(model, picture, usize::from(area.width), pen));
-    draw_picture(picture, scenery, stands.collect(), pen, area);
+    // The frame and the lines below stay as they are while the arm works, whatever is said of it: the eye follows the
+    // arm and not the picture.
+    let reserved = if area.height >= CAPTIONS_FROM { CAPTION_ROWS } else { 2 };
+    let mut framing = model.told.framing;
+    framing.see(picture);
+    let taken = Taken { picture, scenery, framing };
+    draw_within(&taken, stands.collect(), reserved, pen, area);
 }
 
 /// How whoever moves the arm stands, unless it is active and nothing else.
@@ -67,8 +79,20 @@ fn unsettled(model: &Model, picture: &Picture, room: usize, pen: &Pen<'_>) -> Op
 /// Draws one moment with what stands round the robot, and says below what is done in it and how whoever does it
 /// stands. Any area is large enough.
 pub fn draw_picture(picture: &Picture, scenery: &Scenery, stands: Vec<Row>, pen: &mut Pen<'_>, area: Rect) {
-    let words = words(picture, stands, pen);
-    let lines = u16::try_from(words.len()).unwrap_or(0).min(area.height);
+    draw_within(&Taken { picture, scenery, framing: Framing::of(picture) }, stands, 0, pen, area);
+}
+
+/// A moment, what stands round it, and what has to be in sight of it.
+struct Taken<'a> {
+    picture: &'a Picture,
+    scenery: &'a Scenery,
+    framing: Framing,
+}
+
+/// `reserved`: lines that are kept for what is said below, said or not.
+fn draw_within(taken: &Taken<'_>, stands: Vec<Row>, reserved: u16, pen: &mut Pen<'_>, area: Rect) {
+    let words = words(taken.picture, stands, reserved == 0, pen);
+    let lines = u16::try_from(words.len()).unwrap_or(0).max(reserved).min(area.height);
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &words);
     // Beside or below each other, as the arm is larger; the side view alone if there is no room for both.
@@ -77,20 +101,21 @@ pub fn draw_picture(picture: &Picture, scenery: &Scenery, stands: Vec<Row>, pen:
     let below = (views.height >= BELOW_ROWS_MIN).then_some(Rect { height: views.height / 2, ..views });
     let dots_per_m = |area: Option<Rect>| {
         let size = area.map_or((0, 0), |area| Dots::new(area).size());
-        Scale::fitting(picture, scenery, Plane::Side, size).dots_per_m
+        Scale::fitting(taken, Plane::Side, size).dots_per_m
     };
     let (side, top) = match (beside, below) {
-        (None, None) => return view(picture, scenery, pen, views, Plane::Side),
+        (None, None) => return view(taken, pen, views, Plane::Side),
         (Some(one), None) => pen.split(views, one.width),
         (Some(one), Some(_)) if dots_per_m(beside) > dots_per_m(below) => pen.split(views, one.width),
         (_, Some(one)) => cut(views, one.height),
     };
-    view(picture, scenery, pen, side, Plane::Side);
-    view(picture, scenery, pen, top, Plane::Top);
+    view(taken, pen, side, Plane::Side);
+    view(taken, pen, top, Plane::Top);
 }
 
-/// What is said about the picture, the gravest first.
-fn words(picture: &Picture, stands: Vec<Row>, pen: &Pen<'_>) -> Vec<Row> {
+/// What is said about the picture, the gravest first: on a line `apart`, or in the one that is always there, so that no
+/// line comes and goes below a moving arm.
+fn words(picture: &Picture, stands: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec<Row> {
     let look = pen.look;
     let mut rows = Vec::new();
     let mut alarming = Row::new();
@@ -101,15 +126,18 @@ fn words(picture: &Picture, stands: Vec<Row>, pen: &Pen<'_>) -> Vec<Row> {
         alarming =
             alarming.with(ThemeRole::Contact, &format!("{} unexpected contact", look.glyph(Glyph::Warning)));
     }
-    if alarming.width() > 0 {
-        rows.push(alarming);
+    if alarming.width() > 0 && apart {
+        rows.push(std::mem::take(&mut alarming));
+    } else if picture.unexpected_contact {
+        alarming.push(ThemeRole::Text, "  ");
     }
     let task = picture.task.map_or("at rest", TaskKind::name);
     let version = picture.version.as_ref().map(ToString::to_string).unwrap_or_default();
     let held = if picture.body.held { "holding" } else { "empty" };
     rows.push(
         // A version's name begins with its task.
-        Row::of(ThemeRole::Title, if version.is_empty() { task } else { &version })
+        alarming
+            .with(ThemeRole::Title, if version.is_empty() { task } else { &version })
             .with(ThemeRole::Text, &format!("  {:.2} m/s  {:.1} N  ", picture.speed_m_s, picture.force_n))
             .with(if picture.body.held { ThemeRole::Object } else { ThemeRole::Muted }, held),
     );
@@ -150,25 +178,14 @@ impl Scale {
     }
 
     /// The scale at which the workspace and everything that moves can be seen. What stands round them may be cut.
-    fn fitting(picture: &Picture, scenery: &Scenery, plane: Plane, size: (usize, usize)) -> Self {
-        let corners = scenery.workspace.iter().flat_map(|region| {
-            [region.min.map(|value| value - MARGIN_M), region.max.map(|value| value + MARGIN_M)]
-        });
-        let arms = std::iter::once(&picture.body).chain(picture.twin.as_ref().map(|twin| &twin.body));
-        let joints = arms.flat_map(|body| body.links.iter().copied().chain([body.object]));
-        let mut bounds = [[0.0f32; 2]; 2];
-        for [x, y, z] in corners.chain(joints) {
-            let up = if plane == Plane::Side { z } else { y };
-            for (bound, value) in bounds.iter_mut().zip([x, up]) {
-                // Nothing of a cell is ten metres away: such a number is a mistake.
-                let value = if value.is_finite() { value.clamp(-10.0, 10.0) } else { 0.0 };
-                *bound = [
-                    bound[0].min((value / STEP_M).floor() * STEP_M),
-                    bound[1].max((value / STEP_M).ceil() * STEP_M),
-                ];
-            }
+    fn fitting(taken: &Taken<'_>, plane: Plane, size: (usize, usize)) -> Self {
+        let mut framing = taken.framing;
+        if let Some(region) = &taken.scenery.workspace {
+            framing.reach(region.min.map(|value| value - MARGIN_M));
+            framing.reach(region.max.map(|value| value + MARGIN_M));
         }
-        let [[left_m, right_m], [low_m, high_m]] = bounds;
+        let [[left_m, right_m], across, up] = framing.bounds();
+        let [low_m, high_m] = if plane == Plane::Side { up } else { across };
         let (width, height) = (size.0 as f32, size.1 as f32);
         let across = width / (right_m - left_m).max(STEP_M);
         let dots_per_m = across.min(height / (high_m - low_m).max(STEP_M));
@@ -178,7 +195,8 @@ impl Scale {
     }
 }
 
-fn view(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, area: Rect, plane: Plane) {
+fn view(taken: &Taken<'_>, pen: &mut Pen<'_>, area: Rect, plane: Plane) {
+    let (picture, scenery) = (taken.picture, taken.scenery);
     let title = if plane == Plane::Side { "side view" } else { "top view" };
     pen.row(area, 0, &Row::of(ThemeRole::Muted, title));
     let area = below(area, 1).intersection(pen.buf.area);
@@ -186,7 +204,7 @@ fn view(picture: &Picture, scenery: &Scenery, pen: &mut Pen<'_>, area: Rect, pla
         return;
     }
     let mut dots = Dots::new(area);
-    let scale = Scale::fitting(picture, scenery, plane, dots.size());
+    let scale = Scale::fitting(taken, plane, dots.size());
     let outline = |dots: &mut Dots, region: &Region, ink: Ink, filled: bool| {
         dots.rectangle(scale.at(region.min), scale.at(region.max), ink, filled);
     };

@@ -13,17 +13,34 @@ use ratatui::layout::Rect;
 
 use super::tabs;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::Model;
+use crate::model::{MONITORS_PANE, Model};
 use crate::widgets::bar::against_limit;
 use crate::widgets::chart::Chart;
 use crate::widgets::list::place;
-use crate::widgets::pen::{Fit, Pen, below, cut};
-use crate::widgets::row::Row;
+use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
+use crate::widgets::row::{Row, wrap};
+use crate::words::reason_line;
+use holdpoint_engine::explain::is_in_favour;
+use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, ShadowView};
 
 const CHARTS: usize = 0;
 
-const NAMES: [&str; 3] = ["Output divergence", "Governance divergence", "Envelope divergence"];
+/// The place of the governance signals among the three.
+const GOVERNANCE: usize = 1;
+
+const DISAGREEMENTS: usize = 1;
+
+const MONITORS: usize = MONITORS_PANE;
+
+/// Columns in which a monitor's charts have their words and a bar.
+const MONITOR_COLUMNS: u16 = 44;
+
+/// The most lines for what shadow decided.
+const DECIDED_ROWS: usize = 2;
+
+pub(super) const NAMES: [&str; 3] = ["Output divergence", "Governance divergence", "Envelope divergence"];
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let subject = model.subject();
@@ -37,30 +54,38 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let mut head = Row::of(ThemeRole::Title, &subject.to_string());
     head.push(ThemeRole::Text, &extent(model, candidate, shadow));
     pen.row(area, 0, &head);
-    let area = super::frozen(model, pen, below(area, 1));
+    let decided = decided(candidate, pen, usize::from(area.width));
+    let taken = pen.rows(below(area, 1), 0, &decided);
+    let area = super::frozen(model, pen, below(area, 1 + taken));
     match pen.fit {
         Fit::Tiny | Fit::One => {
-            pen.row(area, 0, &tabs::panes(model));
+            tabs::draw_panes(model, Row::new(), pen, area);
             let area = below(area, 1);
-            if model.place.pane() == CHARTS {
-                charts(model, shadow, pen, area);
-            } else {
-                list(model, pen, area, true);
+            match model.place.pane() {
+                CHARTS => charts(model, shadow, pen, area),
+                MONITORS => monitor_rows(model, pen, area),
+                _ => list(model, pen, area, true),
             }
         }
         Fit::Two | Fit::Full => {
-            let lower = if model.place.pane() == CHARTS { area.height / 4 } else { area.height / 2 };
+            let pane = model.place.pane();
+            let lower = if pane == DISAGREEMENTS { area.height / 2 } else { area.height / 4 };
             let (upper, lower) = cut(area, area.height - lower.max(4));
-            if pen.fit == Fit::Full && !monitors(model).is_empty() {
-                let (left, right) = pen.split(upper, upper.width * 2 / 3);
+            let watches = !monitors(model).is_empty() || pane == MONITORS;
+            if pen.fit == Fit::Full && watches {
+                let right = (upper.width / 3).max(MONITOR_COLUMNS);
+                let (left, right) = pen.split(upper, upper.width.saturating_sub(right));
                 charts(model, shadow, pen, left);
-                let inside = pen.pane(right, "Monitors of active versions", false, "");
-                monitor_rows(model, pen, inside);
+                monitor_pane(model, pen, right);
+            } else if pane == MONITORS {
+                monitor_pane(model, pen, upper);
             } else {
                 charts(model, shadow, pen, upper);
             }
             let rows = model.disagreement_rows().len();
-            let focused = model.place.pane() != CHARTS;
+            let focused = pane == DISAGREEMENTS;
+            pen.hit(upper, Hit::Pane(CHARTS));
+            pen.hit(lower, Hit::Pane(DISAGREEMENTS));
             let inside = pen.pane(
                 lower,
                 "Disagreements, newest first",
@@ -107,13 +132,34 @@ fn charts(model: &Model, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: R
         rest = below_it;
         let past = limit.is_some_and(|limit| mean > limit);
         let sign = if past { format!("{} ", pen.look.glyph(Glyph::Warning)) } else { String::new() };
-        let bound = limit
-            .map_or_else(|| "decides nothing by itself".to_owned(), |limit| format!("at most {limit:.2}"));
-        let right = format!("{sign}mean {mean:.3}, {bound}");
+        let right = format!("{sign}mean {mean:.3}, {}", judged(place, limit));
         let inside = pen.pane(part, name, place == 0 && model.place.pane() == CHARTS, &right);
         let values: Vec<f32> = series.iter().filter_map(|three| three.get(place).copied()).collect();
         Chart { values: &values, limit }.draw(pen, inside);
     }
+}
+
+/// How a distance is judged: by its mean, or, where no single number stands for it, by what does.
+fn judged(place: usize, limit: Option<f64>) -> String {
+    match limit {
+        Some(limit) => format!("at most {limit:.2}"),
+        // A version can be rejected by these: the mean is not what does it.
+        None if place == GOVERNANCE => "signals judged in pairs".to_owned(),
+        None => "no limit of its own".to_owned(),
+    }
+}
+
+/// What shadow decided against the version, the deciding reason first; nothing while it has not.
+fn decided(candidate: Option<&CandidateView>, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let Some(candidate) = candidate.filter(|candidate| candidate.shadow.is_some()) else { return Vec::new() };
+    let against = |reason: &&Reason| reason.dimension == Dimension::Shadow && !is_in_favour(reason.code);
+    let Some(reason) = candidate.reasons.iter().find(against) else { return Vec::new() };
+    let (role, mark) = match candidate.state {
+        State::Rejected => (ThemeRole::Bad, Glyph::Bad),
+        _ => (ThemeRole::Warning, Glyph::Warning),
+    };
+    let text = format!("{} {}", pen.look.glyph(mark), reason_line(reason));
+    wrap(&text, width, DECIDED_ROWS).iter().map(|line| Row::of(role, line)).collect()
 }
 
 fn monitors(model: &Model) -> &[MonitorView] {
@@ -121,23 +167,41 @@ fn monitors(model: &Model) -> &[MonitorView] {
     model.told.snapshot.as_deref().map_or(&[][..], |snapshot| &snapshot.live.monitors)
 }
 
+fn monitor_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let inside = pen.pane(area, "Monitors of active versions", model.place.pane() == MONITORS, "");
+    monitor_rows(model, pen, inside);
+}
+
 /// Each monitor's charts: how much of the way to the limit is gone.
-fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let look = pen.look;
     let width = usize::from(area.width);
     let mut rows = Vec::new();
+    if monitors(model).is_empty() {
+        let text = "No version is provisional or restricted, so no monitor's window is open";
+        pen.text(area, 0, ThemeRole::Muted, text);
+        return;
+    }
     for monitor in monitors(model) {
-        let mut said = format!("  {} of {}", monitor.episodes, monitor.needed);
+        let mut said = format!("{} of {} tasks", monitor.episodes, monitor.needed);
         if monitor.restricted {
             said.push_str(", restricted");
         }
         if monitor.factor < 1.0 {
-            said.push_str(&format!(", limits x{}", monitor.factor));
+            said.push_str(&format!(", limits x{:.2}", monitor.factor));
         }
         if monitor.coupled {
             said.push_str(", rollback-coupled");
         }
-        rows.push(Row::of(ThemeRole::Title, &monitor.version.to_string()).with(ThemeRole::Muted, &said));
+        // Beside the name if there is room, else below it: nothing of it is cut.
+        let name = Row::of(ThemeRole::Title, &monitor.version.to_string());
+        if name.width() + 2 + said.len() <= width {
+            rows.push(name.with(ThemeRole::Muted, &format!("  {said}")));
+        } else {
+            rows.push(name);
+            let lines = wrap(&said, width.saturating_sub(2), 2);
+            rows.extend(lines.iter().map(|line| Row::of(ThemeRole::Muted, &format!("  {line}"))));
+        }
         for (name, value, limit) in &monitor.charts {
             let past = value >= limit;
             let role = if past { ThemeRole::Past } else { ThemeRole::Text };
@@ -182,8 +246,8 @@ fn list(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
         let worked = ours.and_then(|candidate| candidate.shadow.as_ref()).map_or(0, |shadow| shadow.n);
         let text = match worked {
             0 => "No sequence has been shadowed yet: there is nothing to agree on".to_owned(),
-            1 => "Twin and live world agreed in the one sequence so far".to_owned(),
-            n => format!("Twin and live world have agreed in all {n} sequences so far"),
+            1 => "The one sequence so far ended alike in twin and live world".to_owned(),
+            n => format!("All {n} sequences so far ended alike in twin and live world"),
         };
         pen.text(area, 0, ThemeRole::Muted, &text);
         return;

@@ -15,13 +15,16 @@ use crate::words::seconds;
 
 /// Draws it; row 0 is the newest line.
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
-    if model.story().is_empty() {
-        pen.text(area, 0, ThemeRole::Muted, "Nothing has happened yet");
+    let rows = model.story_rows();
+    if rows.is_empty() {
+        let filtered = !model.story_filter().is_empty();
+        let text = if filtered { "No line fits the filter" } else { "Nothing has happened yet" };
+        pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
     let cursor = focused.then(|| model.row());
-    pen.list(area, model.story().len(), cursor, |index, _| {
-        model.story().iter().rev().nth(index).map_or_else(Row::new, |told| {
+    pen.list(area, rows.len(), cursor, |index, _| {
+        rows.get(index).map_or_else(Row::new, |told| {
             let row = Row::of(ThemeRole::Muted, &format!("{}  ", seconds(told.at_ms)));
             let row = row.with(ThemeRole::Text, &told.text);
             if told.sequences > 1 {

@@ -9,7 +9,7 @@ use ratatui::layout::Rect;
 use super::banner::OTHERS_NAMED_FROM;
 use crate::look::ThemeRole;
 use crate::model::{Model, View};
-use crate::widgets::pen::Pen;
+use crate::widgets::pen::{Hit, Pen};
 use crate::widgets::row::Row;
 use crate::words::seated;
 use holdpoint_protocol::seat::SeatView;
@@ -19,7 +19,8 @@ use unicode_width::UnicodeWidthStr as _;
 /// Draws the views' line.
 pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let others = if model.size.0 < OTHERS_NAMED_FROM { Vec::new() } else { others(model) };
-    let all = line(&View::ALL.map(|view| (key(view), view.title())), model.place.view as usize);
+    let named = View::ALL.map(|view| (key(view), view.title()));
+    let all = line(&named, model.place.view as usize);
     let width = usize::from(area.width);
     if all.width() <= width {
         let room = width - all.width();
@@ -27,11 +28,48 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         let fits = others.into_iter().find(|text| text.width() + 2 <= room).unwrap_or_default();
         let row = all.to_column(width - fits.width()).with(ThemeRole::Muted, &fits);
         pen.row(area, 0, &row);
+        clicks(
+            &named,
+            model.place.view as usize,
+            |at| View::ALL.get(at).map(|view| Hit::View(*view)),
+            pen,
+            area,
+        );
         return;
     }
     // Names of the others do not fit: their keys do.
     let brief = View::ALL.map(|view| (key(view), if view == model.place.view { view.title() } else { "" }));
     pen.row(area, 0, &line(&brief, model.place.view as usize));
+    clicks(&brief, model.place.view as usize, |at| View::ALL.get(at).map(|view| Hit::View(*view)), pen, area);
+}
+
+/// Where each tab of a line can be clicked.
+fn clicks(
+    tabs: &[(&str, &str)],
+    here: usize,
+    hit: impl Fn(usize) -> Option<Hit>,
+    pen: &mut Pen<'_>,
+    area: Rect,
+) {
+    let mut x = area.x;
+    for at in 0..tabs.len() {
+        let width = |count: usize| line(tabs.get(..count).unwrap_or(tabs), here).width();
+        let width = u16::try_from(width(at + 1).saturating_sub(width(at))).unwrap_or(u16::MAX);
+        let place = Rect { x, width, height: 1, ..area }.intersection(area);
+        if let Some(hit) = hit(at) {
+            pen.hit(place, hit);
+        }
+        x = x.saturating_add(width);
+    }
+}
+
+/// Draws the panes of the present view at the left of the first line of an area, where a click leads to each; `right`
+/// stands at its end.
+pub fn draw_panes(model: &Model, right: Row, pen: &mut Pen<'_>, area: Rect) {
+    let width = usize::from(area.width).saturating_sub(right.width());
+    pen.row(area, 0, &panes(model).to_column(width).and(right));
+    let tabs: Vec<(&str, &str)> = model.place.view.panes().iter().map(|pane| ("", *pane)).collect();
+    clicks(&tabs, model.place.pane(), |at| Some(Hit::Pane(at)), pen, area);
 }
 
 /// Who else looks at this engine, in words that get shorter; nothing if nobody does.

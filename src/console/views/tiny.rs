@@ -1,9 +1,10 @@
-//! Windows below 60 x 16: alarms and what waits, in whatever lines there are, and the way out.
+//! Windows below 60 x 16: alarms and what waits first, then the view in short where lines are left, and the way out.
 //!
 //! ```text
 //! ◇ SIM  arm-1  STALE 12 s
 //! 1▲ CRIT arm-1: the monitor …
-//! ◷ 2 wait
+//! ─ Overview: Pipeline ── 1 of 2 ─
+//! ▸ grasp@1.1.0 ◌ running
 //! X stop  q quits  ? keys
 //! ```
 
@@ -11,12 +12,18 @@ use ratatui::layout::Rect;
 
 use super::{banner, hints, overview, palette, prompt, status};
 use crate::action::Action;
+use crate::look::Glyph;
 use crate::look::ThemeRole;
-use crate::model::{Model, Overlay};
+use crate::model::{MONITORS_PANE, Model, Overlay, View};
+use crate::rows::{AlarmItem, RegistryItem};
 use crate::theme::Mark;
-use crate::widgets::pen::{Pen, above, below};
+use crate::widgets::list::place;
+use crate::widgets::pen::{Pen, above, below, cut};
 use crate::widgets::row::Row;
-use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::snapshot::{Disagreement, Snapshot};
+
+/// Lines from which the view itself is shown, in short.
+const VIEW_ROWS_MIN: usize = 6;
 
 /// Lines from which an overlay can be read at all.
 pub const OVERLAY_HEIGHT_MIN: u16 = 6;
@@ -102,23 +109,132 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         Some(Overlay::Film(open)) => return super::film::draw(open, pen, area),
         None => {}
     }
+    let rest = attention(model, pen, area);
+    if rest.height > 1 {
+        view(model, pen, rest);
+    }
+}
+
+/// Alarms and what waits: in every view, and first. Tells what is left of the area.
+fn attention(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let now_ms = model.engine_ms();
-    let mut rows: Vec<Row> =
-        model.waiting_rows().iter().map(|item| overview::waiting_row(item, now_ms, pen)).collect();
-    let room = usize::from(area.height).saturating_sub(rows.len().min(usize::from(area.height / 2)));
+    let waiting = model.waiting_rows();
     let alarms = model.alarm_rows();
-    rows.truncate(usize::from(area.height / 2).max(1));
-    let alarms = alarms.iter().take(room).map(|item| {
-        let alarm = item.alarm();
-        let mark = Mark::priority(alarm.priority);
-        Row::of(mark.role, &status::priority_words(pen.look, alarm.priority)).with(
-            ThemeRole::Text,
-            &format!(" {} {}", Mark::alarm_state(alarm.state).word, super::short(&alarm.text, 200)),
-        )
-    });
-    let rows: Vec<Row> = alarms.chain(rows.iter().cloned()).collect();
-    let left = pen.rows(area, 0, &rows);
-    if left == 0 {
-        pen.text(below(area, 0), 0, ThemeRole::Muted, "Nothing waits");
+    let height = usize::from(area.height);
+    // Where a view has room below, the gravest of both stand for them: their views show the rest.
+    let most = if height >= VIEW_ROWS_MIN { 2 } else { (height / 2).max(1) };
+    let waiting = if model.place.view == View::Approvals { &[][..] } else { &waiting[..] };
+    let rows: Vec<Row> =
+        waiting.iter().take(most).map(|item| overview::waiting_row(item, now_ms, pen)).collect();
+    let room = if height >= VIEW_ROWS_MIN { most } else { height.saturating_sub(rows.len()) };
+    let room = if height >= VIEW_ROWS_MIN && model.place.view == View::Alarms { 0 } else { room };
+    let alarms = alarms.iter().take(room).map(|item| alarm(*item, pen));
+    let rows: Vec<Row> = alarms.chain(rows).collect();
+    let taken = pen.rows(area, 0, &rows);
+    if taken == 0 && height < VIEW_ROWS_MIN {
+        pen.text(area, 0, ThemeRole::Muted, "Nothing waits");
+        return below(area, 1);
+    }
+    below(area, taken)
+}
+
+fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
+    let alarm = item.alarm();
+    let mark = Mark::priority(alarm.priority);
+    Row::of(mark.role, &status::priority_words(pen.look, alarm.priority)).with(
+        ThemeRole::Text,
+        &format!(" {} {}", Mark::alarm_state(alarm.state).word, super::short(&alarm.text, 200)),
+    )
+}
+
+/// The view in short, with its name and its cursor: whatever lines are left.
+fn view(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let view = model.place.view;
+    let pane = view.panes().get(model.place.pane()).copied().unwrap_or("");
+    let place = place(model.row_count(), model.row());
+    let title =
+        if view.panes().len() > 1 { format!("{}: {pane}", view.title()) } else { view.title().into() };
+    let inside = pen.pane(area, &title, true, &place);
+    match (view, model.place.pane()) {
+        (View::Overview, overview::ROBOT) => return super::robot::draw(model, pen, inside),
+        (View::Overview, overview::STORY) => return super::story::draw(model, pen, inside, true),
+        (View::Overview, _) => return work(model, pen, inside),
+        (View::Shadow, MONITORS_PANE) => return super::shadow::monitor_rows(model, pen, inside),
+        (View::Shadow, 0) => return shadow(model, pen, inside),
+        _ => {}
+    }
+    let rows = rows(model, pen, usize::from(inside.width));
+    if rows.is_empty() {
+        pen.text(inside, 0, ThemeRole::Muted, "Nothing here yet");
+        return;
+    }
+    pen.list(inside, rows.len(), Some(model.row()), |index, _| rows.get(index).cloned().unwrap_or_default());
+}
+
+/// Who is in control, then the candidates.
+fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let active = super::families::rows(model, pen, usize::from(area.width));
+    let (top, bottom) = cut(area, u16::try_from(active.len()).unwrap_or(u16::MAX).min(area.height / 2));
+    pen.rows(top, 0, &active);
+    super::pipeline::draw(model, pen, bottom, true);
+}
+
+/// The three distances in words.
+fn shadow(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let Some(version) = model.subject() else {
+        pen.text(area, 0, ThemeRole::Muted, "No candidate yet, and so no twin");
+        return;
+    };
+    let mut rows = vec![Row::of(ThemeRole::Title, &version.to_string())];
+    let candidate = model.candidate(&version);
+    match candidate.and_then(|candidate| candidate.shadow.as_ref()) {
+        None => rows.push(Row::of(ThemeRole::Muted, "no sequence has been shadowed yet")),
+        Some(shadow) => {
+            let means = [shadow.output, shadow.governance, shadow.envelope];
+            for ((name, mean), limit) in super::shadow::NAMES.iter().zip(means).zip(shadow.limits) {
+                let word = name.split(' ').next().unwrap_or(name);
+                let limit = limit.map_or_else(String::new, |limit| format!(" of {limit:.2}"));
+                rows.push(Row::of(ThemeRole::Text, &format!("{word:<11} {mean:.3}{limit}")));
+            }
+            rows.push(Row::of(ThemeRole::Muted, &format!("{} sequences", shadow.n)));
+        }
+    }
+    pen.rows(area, 0, &rows);
+}
+
+/// A line for each row of a list's view.
+fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    let look = pen.look;
+    match model.place.view {
+        View::Registry => model.registry_rows().iter().map(|item| registry(item, pen, width)).collect(),
+        View::Candidate => {
+            let rows = model.candidate_rows(model.place.pane());
+            let first = |row| super::candidate_rows::item(row, look, width).into_iter().next();
+            rows.iter().map(|row| first(row).unwrap_or_default()).collect()
+        }
+        View::Alarms => model.alarm_rows().iter().map(|item| alarm(*item, pen)).collect(),
+        View::Approvals => {
+            let now_ms = model.engine_ms();
+            model.waiting_rows().iter().map(|item| overview::waiting_row(item, now_ms, pen)).collect()
+        }
+        View::Audit => model.audit_rows().iter().map(super::audit::brief).collect(),
+        View::Shadow => {
+            let said = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
+            model.disagreement_rows().iter().map(said).collect()
+        }
+        View::Overview => Vec::new(),
+    }
+}
+
+fn registry(item: &RegistryItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
+    match item {
+        RegistryItem::Family { family, versions, open } => {
+            let glyph = pen.look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
+            Row::of(ThemeRole::Title, &format!("{glyph} {family}"))
+                .with(ThemeRole::Muted, &format!("  {versions}"))
+        }
+        RegistryItem::Version(row) => Row::new()
+            .cell(ThemeRole::Text, &format!("  {}", row.version.version), 10)
+            .and(super::stands(row.state, &row.flags, width.saturating_sub(12), pen.look)),
     }
 }

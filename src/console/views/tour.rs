@@ -1,42 +1,38 @@
-//! The tour: one sentence on each screen, dismissed with one key.
+//! The tour: one sentence on each screen, on one line, dismissed with one key.
 
 use crate::model::{Model, View};
 
-/// The sentence for this screen and step; the last of a screen stays.
+/// Columns of the narrowest screen on which a sentence stands whole, with the key that dismisses it.
+pub const WHOLE_FROM: u16 = 80;
+
+/// The sentence for this screen, if the tour is on.
 #[must_use]
 pub fn sentence(model: &Model) -> Option<&'static str> {
-    let step = model.settings.tour?;
-    let sentences = sentences(model.place.view);
-    sentences.get(step % sentences.len().max(1)).copied()
+    model.settings.tour.map(|_| of(model.place.view))
 }
 
-const fn sentences(view: View) -> &'static [&'static str] {
+/// One line each: what is read first on the screen, and the key that leads on.
+const fn of(view: View) -> &'static str {
     match view {
-        View::Overview => &[
-            "Each candidate walks seven stages; nothing reaches the robot before the gate, and a person where the profile asks",
-            "The robot is live, the dashed arm is a candidate's twin in a forked world: it drives nothing",
-            "x stops what runs, from any view and with one more key",
-        ],
-        View::Registry => &[
-            "Every version that ever was: the bars are the four kappas, the strong line in each is the profile's limit",
-            "l and h open and close a family, tab shows active versions, candidates or history alone",
-        ],
-        View::Candidate => &[
-            "Why this version stands where it stands: every check with value, interval and limit",
-            "tab leads on: difference to the active version, sandbox by mode, drills, timeline, audit",
-        ],
-        View::Shadow => &[
-            "The twin works the same sequences as the live robot: three distances between them, each against its limit",
-            "f freezes the charts, + and - zoom; data keeps arriving",
-        ],
-        View::Alarms => &[
-            "An alarm needs an answer: space says you have seen it, and resumes nothing",
-            "z sets one aside for a time and with a reason; the count stays in the status line",
-        ],
-        View::Approvals => &[
-            "What waits for a person: enter opens the whole decision, and Enter never approves",
-            "Nobody answers in time: a candidate is held, a questioned version is rolled back",
-        ],
-        View::Audit => &["Every record carries the hash of the one before; v checks the whole chain"],
+        View::Overview => "Candidates walk seven stages beside the live arm; X stops it",
+        View::Registry => "Bars: the four kappas against their limits; l opens a family",
+        View::Candidate => "Why it stands where it stands; tab leads on to the evidence",
+        View::Shadow => "The twin against the live arm on the same sequences; f freezes",
+        View::Alarms => "Space says that you have seen an alarm, and resumes nothing",
+        View::Approvals => "What waits for a person: enter opens it, and never approves",
+        View::Audit => "Each record has the hash of the one before; v checks them",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_sentence_stands_on_one_line_of_the_usual_window() {
+        for view in View::ALL {
+            let line = format!("{} (. ends the tour)", of(view));
+            assert!(line.chars().count() <= usize::from(WHOLE_FROM), "{view:?}: {line}");
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use ratatui::layout::Rect;
 
-use super::pen::Pen;
+use super::pen::{Hit, Pen};
 use super::row::Row;
 use crate::look::{Glyph, ThemeRole};
 
@@ -36,6 +36,10 @@ impl Pen<'_> {
         let inner = Rect { x: area.x + GUTTER.min(area.width), width, ..area };
         for (index, at) in (first..count).zip(0..area.height) {
             self.row(inner, at, &row(index, usize::from(width)));
+            if cursor.is_some() {
+                let place = Rect { y: area.y + at, height: 1, ..area };
+                self.hit(place, Hit::Row { pane: None, row: index });
+            }
             if cursor == Some(index) {
                 self.row(area, at, &Row::of(ThemeRole::Text, self.look.glyph(Glyph::Here)));
                 self.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);

@@ -7,6 +7,7 @@ use ratatui::layout::Rect;
 
 use super::row::{Row, wrap};
 use crate::look::{Glyph, Look, ThemeRole};
+use crate::model::View;
 
 /// How much room the screen has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -34,15 +35,45 @@ impl Fit {
     }
 }
 
+/// What a click means where it hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hit {
+    View(View),
+    /// A pane of the view.
+    Pane(usize),
+    /// A row of the list that has the keys, or that has them once its pane does.
+    Row {
+        pane: Option<usize>,
+        row: usize,
+    },
+}
+
 /// A look on a buffer.
 pub struct Pen<'a> {
     pub look: &'a Look,
     pub buf: &'a mut Buffer,
     /// How much room the screen has.
     pub fit: Fit,
+    /// Where a click means something, the topmost last.
+    pub hits: Vec<(Rect, Hit)>,
+}
+
+impl<'a> Pen<'a> {
+    /// A pen for a screen of this size.
+    #[must_use]
+    pub const fn new(look: &'a Look, buf: &'a mut Buffer, fit: Fit) -> Self {
+        Self { look, buf, fit, hits: Vec::new() }
+    }
 }
 
 impl Pen<'_> {
+    /// A click here means this.
+    pub fn hit(&mut self, area: Rect, hit: Hit) {
+        if !area.is_empty() {
+            self.hits.push((area, hit));
+        }
+    }
+
     /// Draws a line at `at` lines below the area's top; too long a line ends in an ellipsis.
     pub fn row(&mut self, area: Rect, at: u16, row: &Row) {
         let area = area.intersection(self.buf.area);

@@ -1,0 +1,515 @@
+//! The audit log as an operator reads it: which records a pane shows, runs of telemetry as one row, and what a record says
+//! in a sentence.
+//!
+//! Reads a record's content as plain JSON: a record of another build is told as far as its words are known. The record
+//! itself is what counts; a sentence only helps to find it.
+
+use serde_json::Value;
+
+use super::words::seconds;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+
+/// Content that a sentence is made from, bytes; a longer one is named by its kind.
+const BODY_BYTES_MAX: usize = 64 * 1024;
+
+/// Values of a record that are looked at for one.
+const LOOKED_AT_MAX: usize = 400;
+
+/// Characters of one quoted value.
+const VALUE_CHARS: usize = 160;
+
+/// Which records a pane shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AuditGroup {
+    /// What happened: without the book-keeping that every change brings along.
+    Told,
+    /// What people did and were asked.
+    People,
+    Alarms,
+    /// The store itself: context, telemetry, recordings, witnesses.
+    Store,
+    /// Every record.
+    All,
+}
+
+impl AuditGroup {
+    /// In the order of the view's panes.
+    pub const ALL: [Self; 5] = [Self::Told, Self::People, Self::Alarms, Self::Store, Self::All];
+
+    /// Of a pane of the view.
+    #[must_use]
+    pub fn of_pane(pane: usize) -> Self {
+        Self::ALL.get(pane).copied().unwrap_or(Self::All)
+    }
+
+    /// Whether it shows a kind; a kind of another build is shown everywhere but among people and alarms.
+    #[must_use]
+    pub const fn shows(self, kind: Option<&RecordKind>) -> bool {
+        let Some(kind) = kind else { return matches!(self, Self::Told | Self::All) };
+        match self {
+            Self::All => true,
+            Self::Told => !is_bookkeeping(*kind),
+            Self::People => is_of_people(*kind),
+            Self::Alarms => matches!(kind, RecordKind::AlarmChanged | RecordKind::AlarmReset),
+            Self::Store => is_of_store(*kind),
+        }
+    }
+}
+
+const fn is_bookkeeping(kind: RecordKind) -> bool {
+    matches!(
+        kind,
+        RecordKind::FlagsSet
+            | RecordKind::ScoresSet
+            | RecordKind::StandingSet
+            | RecordKind::EvidencePut
+            | RecordKind::ApprovalConsumed
+            | RecordKind::Shown
+            | RecordKind::TelemetrySealed
+            | RecordKind::TelemetryBlockSealed
+    )
+}
+
+const fn is_of_people(kind: RecordKind) -> bool {
+    matches!(
+        kind,
+        RecordKind::ApprovalRequested
+            | RecordKind::ApprovalPut
+            | RecordKind::ApprovalConsumed
+            | RecordKind::PersonEnrolled
+            | RecordKind::PersonConfirmed
+            | RecordKind::PersonRevoked
+            | RecordKind::MonitorAnswer
+            | RecordKind::ProfilesSet
+            | RecordKind::Resumed
+            | RecordKind::BreakGlass
+            | RecordKind::BreakGlassReviewed
+            | RecordKind::Shown
+            | RecordKind::Asked
+            | RecordKind::AlarmReset
+            | RecordKind::GoalSet
+            | RecordKind::CellStopped
+            | RecordKind::CellReleased
+            | RecordKind::WitnessSet
+            | RecordKind::StoreRebuilt
+    )
+}
+
+const fn is_of_store(kind: RecordKind) -> bool {
+    is_telemetry(kind)
+        || matches!(
+            kind,
+            RecordKind::ContextSet
+                | RecordKind::ProfileLoaded
+                | RecordKind::TelemetryPruned
+                | RecordKind::TelemetryMissed
+                | RecordKind::KeptVoided
+                | RecordKind::Recording
+                | RecordKind::RecordingRemoved
+                | RecordKind::WitnessSet
+                | RecordKind::StoreRebuilt
+        )
+}
+
+const fn is_telemetry(kind: RecordKind) -> bool {
+    matches!(kind, RecordKind::TelemetrySealed | RecordKind::TelemetryBlockSealed)
+}
+
+/// A row of the log.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AuditItem<'a> {
+    /// The record, the newest of a run.
+    pub record: &'a AuditRecord,
+    /// How many records of telemetry in a run it stands for; 1 for any other.
+    pub count: usize,
+}
+
+/// The records as rows: runs of sealed telemetry are one each.
+pub fn rows<'a>(records: impl Iterator<Item = &'a AuditRecord>) -> Vec<AuditItem<'a>> {
+    let mut rows: Vec<AuditItem<'a>> = Vec::new();
+    let folds = |record: &AuditRecord| record.kind.known().is_some_and(|kind| is_telemetry(*kind));
+    for record in records {
+        match rows.last_mut() {
+            Some(last) if folds(last.record) && folds(record) => last.count += 1,
+            _ => rows.push(AuditItem { record, count: 1 }),
+        }
+    }
+    rows
+}
+
+/// What a record says, in a sentence without a full stop.
+#[must_use]
+pub fn sentence(record: &AuditRecord) -> String {
+    let value = (record.body.len() <= BODY_BYTES_MAX).then(|| serde_json::from_str::<Value>(&record.body));
+    let Some(Ok(value)) = value else {
+        return format!("{}, {} bytes of content", record.kind, record.body.len());
+    };
+    let told = record.kind.known().and_then(|kind| known(*kind, &Told { root: &value }));
+    told.unwrap_or_else(|| generic(&value))
+}
+
+/// A record's content, looked up by name at any depth, the shallowest first.
+struct Told<'a> {
+    root: &'a Value,
+}
+
+impl Told<'_> {
+    fn find(&self, name: &str) -> Option<&Value> {
+        self.find_that(name, |value| !value.is_null())
+    }
+
+    fn find_that(&self, name: &str, fits: impl Fn(&Value) -> bool) -> Option<&Value> {
+        let mut open = std::collections::VecDeque::from([self.root]);
+        // What is stored is small; a hostile nesting ends here.
+        for _ in 0..LOOKED_AT_MAX {
+            match open.pop_front()? {
+                Value::Object(fields) => {
+                    if let Some(found) = fields.get(name).filter(|value| fits(value)) {
+                        return Some(found);
+                    }
+                    open.extend(fields.values());
+                }
+                Value::Array(items) => open.extend(items.iter().take(20)),
+                _ => {}
+            }
+        }
+        None
+    }
+
+    /// A value as text; absent if there is none that is plain.
+    fn text(&self, name: &str) -> Option<String> {
+        let plain = |value: &Value| value.is_string() || value.is_number() || value.is_boolean();
+        match self.find_that(name, plain)? {
+            Value::String(text) => Some(text.chars().take(VALUE_CHARS).collect()),
+            other => Some(other.to_string()),
+        }
+    }
+
+    /// `before` and a value, if there is one that says anything.
+    fn with(&self, before: &str, name: &str) -> String {
+        let text = self.text(name).filter(|text| !text.trim().is_empty());
+        text.map_or_else(String::new, |text| format!("{before}{text}"))
+    }
+
+    /// The first reason's words.
+    fn why(&self) -> String {
+        let reasons = self.find("reasons").and_then(Value::as_array);
+        let first = reasons.and_then(|reasons| reasons.first());
+        let text = first.and_then(|reason| reason.get("text").unwrap_or(reason).as_str());
+        text.map_or_else(String::new, |text| {
+            format!(": {}", text.chars().take(VALUE_CHARS).collect::<String>())
+        })
+    }
+
+    fn digest(&self, name: &str) -> String {
+        self.text(name).map_or_else(String::new, |text| text.chars().take(8).collect())
+    }
+}
+
+/// The sentence of a known kind; absent if what it needs is not there.
+fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
+    let by = || told.text("by").or_else(|| told.text("who")).filter(|by| !by.is_empty());
+    let somebody = || by().unwrap_or_else(|| "somebody".to_owned());
+    Some(match kind {
+        RecordKind::VersionRegistered => format!(
+            "submitted by {}{}{}{}",
+            told.text("author")?,
+            told.with(", ", "provenance"),
+            told.with(", risk ", "risk"),
+            told.with(", made from ", "parent")
+        ),
+        RecordKind::StateSet => {
+            format!("{} -> {}{}", told.text("from")?, told.text("to")?, told.with(": ", "reason"))
+        }
+        RecordKind::FlagsSet => flags(told.find("flags")?),
+        RecordKind::ScoresSet => {
+            let kappas = told.find("kappas")?.as_array()?;
+            let said =
+                kappas.iter().map(|kappa| kappa.as_f64().map_or("?".to_owned(), |k| format!("{k:.3}")));
+            format!("kappa I, P, B, R: {}", said.collect::<Vec<_>>().join(", "))
+        }
+        RecordKind::ActiveSet => match told.text("active") {
+            Some(active) => format!(
+                "{active} has the arm{}{}",
+                told.with(" by ", "cause"),
+                told.with("; the way back is ", "pinned")
+            ),
+            None => format!("nobody has the arm{}", told.with(": ", "cause")),
+        },
+        RecordKind::FamilySet => {
+            let stopped = told.find("safe_stopped")?.as_bool()?;
+            let what = if stopped { "safe-stopped" } else { "works" };
+            format!("{what}{}", told.with(": ", "reason"))
+        }
+        RecordKind::FamilyVoided => format!("earlier passes are void{}", told.with(": ", "reason")),
+        RecordKind::StandingSet => "how its versions stand, for a restart".to_owned(),
+        RecordKind::EvidencePut => {
+            format!("evidence of the {}, digest {}", told.text("kind")?, told.digest("digest"))
+        }
+        RecordKind::ApprovalRequested => {
+            let until = told.find("deadline_ms").and_then(Value::as_u64).map(seconds);
+            let until = until.map_or_else(String::new, |until| format!(" by {until}"));
+            format!("{} to decide{until}{}", told.text("needed")?, told.with("; now ", "state"))
+        }
+        RecordKind::ApprovalPut => {
+            let decision = told.text("decision").or_else(|| told.text("answer"))?;
+            let who = by().or_else(|| told.text("identity")).or_else(|| told.text("name"))?;
+            format!("{who} says {decision}{}", told.with(": ", "reason"))
+        }
+        RecordKind::ApprovalConsumed => "an approval was used; it counts no second time".to_owned(),
+        RecordKind::PersonEnrolled => person("enrolled", told)?,
+        RecordKind::PersonConfirmed => person("confirmed", told)?,
+        RecordKind::PersonRevoked => person("revoked", told)?,
+        RecordKind::ContextSet => {
+            format!("profile {}, policy {}", told.text("profile")?, told.digest("policy_digest"))
+        }
+        RecordKind::ProfileLoaded => format!("own profile{}", told.with(" ", "name")),
+        RecordKind::TelemetrySealed | RecordKind::TelemetryBlockSealed => telemetry(told)?,
+        RecordKind::TelemetryPruned => {
+            format!("batches of telemetry up to {} go, for room", told.text("through")?)
+        }
+        RecordKind::TelemetryMissed => "batches of telemetry are missing, and no record says why".to_owned(),
+        RecordKind::AlarmChanged => {
+            let whole = told.text("json").is_some().then(|| told.find("json")).flatten();
+            let inner =
+                whole.and_then(Value::as_str).and_then(|text| serde_json::from_str::<Value>(text).ok());
+            let text = inner.as_ref().and_then(|inner| Told { root: inner }.text("text")).unwrap_or_default();
+            let gap = if text.is_empty() { "" } else { ": " };
+            format!("{}, {}{gap}{text}", told.text("state")?, told.text("priority")?)
+        }
+        RecordKind::Decision => {
+            let stage = told.text("stage").map_or_else(String::new, |stage| format!("{stage}: "));
+            match told.text("outcome") {
+                Some(outcome) => format!("{stage}decided {outcome}{}", told.why()),
+                None => format!("{stage}decided{}", told.why()),
+            }
+        }
+        RecordKind::Monitor => {
+            format!("the monitor: {}{}", told.text("decision").or_else(|| told.text("outcome"))?, told.why())
+        }
+        RecordKind::MonitorAnswer => {
+            format!("{} answered the monitor{}", somebody(), told.with(": ", "reason"))
+        }
+        RecordKind::Resumed => format!("{} let it go on{}", somebody(), told.with(": ", "reason")),
+        RecordKind::BreakGlass => {
+            format!("{} let it in alone, in an emergency{}", somebody(), told.with(": ", "reason"))
+        }
+        RecordKind::CellStopped => format!("{} stopped the cell{}", somebody(), told.with(": ", "reason")),
+        RecordKind::CellReleased => format!("{} let it work again{}", somebody(), told.with(": ", "reason")),
+        RecordKind::GoalSet => {
+            format!("{} set the goal {}{}", somebody(), told.text("goal")?, told.with(": ", "reason"))
+        }
+        RecordKind::AlarmReset => format!("{} reset it{}", somebody(), told.with(": ", "reason")),
+        RecordKind::Asked => {
+            let user =
+                told.text("user").or_else(|| told.text("uid")).unwrap_or_else(|| "somebody".to_owned());
+            format!("{user} asked for {}{}", told.text("asked")?, told.with(" (process ", "process"))
+                + if told.text("process").is_some() { ")" } else { "" }
+        }
+        RecordKind::Drift => match told.text("kind") {
+            Some(kind) => format!("{kind}{} sets in", told.with(" ", "magnitude")),
+            None => "the drift ends".to_owned(),
+        },
+        RecordKind::AuditClosed => format!("closed{}", told.with(": ", "end").replace(": ", " as ")),
+        RecordKind::Commissioned | RecordKind::SensesCommissioned => {
+            let tasks = told.text("tasks").or_else(|| told.text("episodes"));
+            let tasks = tasks.map_or_else(String::new, |tasks| format!(", over {tasks} tasks"));
+            let what = if kind == RecordKind::Commissioned { "for it" } else { "for the cell's senses" };
+            format!("what is normal {what} was measured{tasks}")
+        }
+        RecordKind::LiveFault
+        | RecordKind::KeptVoided
+        | RecordKind::ProfilesSet
+        | RecordKind::BreakGlassReviewed
+        | RecordKind::Shown
+        | RecordKind::Recording
+        | RecordKind::RecordingRemoved
+        | RecordKind::WitnessSet
+        | RecordKind::StoreRebuilt => return None,
+    })
+}
+
+fn person(what: &str, told: &Told<'_>) -> Option<String> {
+    let by = told.with(" by ", "by");
+    Some(format!(
+        "{} is {what}{}{by}{}",
+        told.text("name")?,
+        told.with(" as ", "role"),
+        told.with(": ", "reason")
+    ))
+}
+
+fn telemetry(told: &Told<'_>) -> Option<String> {
+    let Some(batches) = told.find("batches").and_then(Value::as_array) else {
+        return Some(format!("a batch of telemetry is sealed, {} rows", told.text("rows")?));
+    };
+    let rows: u64 = batches.iter().filter_map(|batch| batch.get("rows")?.as_u64()).sum();
+    Some(format!("{} batches of telemetry are sealed, {rows} rows", batches.len()))
+}
+
+/// The flags that stand.
+fn flags(flags: &Value) -> String {
+    let Some(fields) = flags.as_object() else { return "flags".to_owned() };
+    let mut said: Vec<String> = Vec::new();
+    for (name, value) in fields {
+        match value {
+            Value::Bool(true) => said.push(name.replace('_', " ")),
+            Value::String(stage) => said.push(format!("in {stage}")),
+            _ => {}
+        }
+    }
+    if said.is_empty() { "nothing runs and nothing is flagged".to_owned() } else { said.join(", ") }
+}
+
+/// Names and plain values, for whatever has no sentence of its own.
+fn generic(value: &Value) -> String {
+    let Some(fields) = value.as_object() else {
+        return value.to_string().chars().take(VALUE_CHARS).collect();
+    };
+    let told = Told { root: value };
+    let said = fields.keys().filter(|name| *name != "change" && *name != "rows");
+    let said: Vec<String> = said
+        .filter_map(|name| Some(format!("{} {}", name.replace('_', " "), told.text(name)?)))
+        .take(6)
+        .collect();
+    if said.is_empty() { value.to_string().chars().take(VALUE_CHARS).collect() } else { said.join(", ") }
+}
+
+/// The raw record, line by line: what was hashed, as it was, and the content set out for reading.
+#[must_use]
+pub fn raw(record: &AuditRecord) -> Vec<String> {
+    let mut lines = vec![
+        format!("record   {}", record.seq),
+        format!("time     {} ({} ms)", seconds(record.at_ms), record.at_ms),
+        format!("kind     {}", record.kind),
+        format!("subject  {}", if record.subject.is_empty() { "-" } else { &record.subject }),
+        format!("hash     {}", record.hash),
+        format!("before   {}", record.prev),
+        String::new(),
+    ];
+    let pretty = serde_json::from_str::<Value>(&record.body).ok();
+    let pretty = pretty.and_then(|value| serde_json::to_string_pretty(&value).ok());
+    let body = pretty.unwrap_or_else(|| record.body.clone());
+    lines.extend(body.lines().take(RAW_LINES_MAX).map(ToOwned::to_owned));
+    if body.lines().nth(RAW_LINES_MAX).is_some() {
+        lines.push(format!("… cut after {RAW_LINES_MAX} lines; `holdpoint audit export` has all of it"));
+    }
+    lines
+}
+
+/// Lines of a record's content that are shown.
+const RAW_LINES_MAX: usize = 5_000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::ids::Digest;
+    use holdpoint_governance::words::Word;
+    use serde_json::json;
+
+    fn record(kind: Word<RecordKind>, body: &Value) -> AuditRecord {
+        let digest = Digest::of_parts("t", &[]);
+        let (subject, body) = ("grasp@1.2.0".to_owned(), body.to_string());
+        AuditRecord { seq: 7, prev: digest, hash: digest, at_ms: 1_500, kind, subject, body, wall_ms: 0 }
+    }
+
+    #[test]
+    fn records_are_told_in_sentences() {
+        let flags = json!({ "paused": true, "provisional": false, "running": "shadow" });
+        let person =
+            json!({ "act": "enrol", "by": "admin", "name": "ana", "role": "engineer", "reason": "known" });
+        let alarm = json!({ "state": "latched", "priority": "high", "json": "{\"text\":\"too hot\"}" });
+        for (kind, body, said) in [
+            (
+                RecordKind::StateSet,
+                json!({ "change": { "from": "registered", "to": "validated", "reason": "fine" }, "rows": [] }),
+                "registered -> validated: fine",
+            ),
+            (RecordKind::FlagsSet, json!({ "change": { "flags": flags } }), "paused, in shadow"),
+            (
+                RecordKind::ScoresSet,
+                json!({ "change": { "kappas": [1.0, 0.5, null, null] } }),
+                "kappa I, P, B, R: 1.000, 0.500, ?, ?",
+            ),
+            (
+                RecordKind::ActiveSet,
+                json!({ "change": { "active": "grasp@1.2.0", "pinned": "grasp@1.1.0", "cause": { "cause": "gate" } } }),
+                "grasp@1.2.0 has the arm by gate; the way back is grasp@1.1.0",
+            ),
+            (
+                RecordKind::PersonEnrolled,
+                json!({ "change": { "act": person } }),
+                "ana is enrolled as engineer by admin: known",
+            ),
+            (
+                RecordKind::TelemetryBlockSealed,
+                json!({ "change": { "batches": [{ "rows": 20 }, { "rows": 30 }] } }),
+                "2 batches of telemetry are sealed, 50 rows",
+            ),
+            (RecordKind::AlarmChanged, json!({ "change": alarm }), "latched, high: too hot"),
+            (
+                RecordKind::Decision,
+                json!({ "stage": "sandbox", "outcome": "activate", "reasons": [{ "text": "compatible" }] }),
+                "sandbox: decided activate: compatible",
+            ),
+            (
+                RecordKind::Asked,
+                json!({ "asked": "register", "caller": { "user": "root", "process": 12 } }),
+                "root asked for register (process 12)",
+            ),
+            (
+                RecordKind::CellStopped,
+                json!({ "by": "ana", "reason": "a hand in the cell" }),
+                "ana stopped the cell: a hand in the cell",
+            ),
+            (
+                RecordKind::Commissioned,
+                json!({ "normal": { "tasks": 40 } }),
+                "what is normal for it was measured, over 40 tasks",
+            ),
+            (RecordKind::Recording, json!({ "file": "a.rrd", "bytes": 12 }), "file a.rrd, bytes 12"),
+        ] {
+            assert_eq!(sentence(&record(kind.into(), &body)), said, "{kind}");
+        }
+        // What is missing or of another build is told as far as it goes.
+        let other = record(Word::read("of-a-later-build".to_owned()), &json!({ "colour": "red" }));
+        assert_eq!(sentence(&other), "colour red");
+        for kind in RecordKind::ALL {
+            for body in [json!({}), json!([]), json!("x"), json!({ "change": 3 })] {
+                assert!(!sentence(&record(kind.into(), &body)).contains("null"), "{kind} {body}");
+            }
+        }
+    }
+
+    #[test]
+    fn panes_show_kinds_and_telemetry_is_folded() {
+        let of = |kind: RecordKind| record(kind.into(), &json!({}));
+        let kinds = [
+            RecordKind::TelemetryBlockSealed,
+            RecordKind::TelemetryBlockSealed,
+            RecordKind::StateSet,
+            RecordKind::FlagsSet,
+            RecordKind::TelemetrySealed,
+            RecordKind::ApprovalPut,
+            RecordKind::AlarmChanged,
+        ];
+        let records: Vec<AuditRecord> = kinds.into_iter().map(of).collect();
+        let shown = |group: AuditGroup| {
+            let fits = records.iter().filter(move |record| group.shows(record.kind.known()));
+            rows(fits).iter().map(|row| (row.record.kind.to_string(), row.count)).collect::<Vec<_>>()
+        };
+        let one = |kind: RecordKind| (kind.name().to_owned(), 1);
+        assert_eq!(
+            shown(AuditGroup::Told),
+            [one(RecordKind::StateSet), one(RecordKind::ApprovalPut), one(RecordKind::AlarmChanged)]
+        );
+        assert_eq!(shown(AuditGroup::People), [one(RecordKind::ApprovalPut)]);
+        assert_eq!(shown(AuditGroup::Alarms), [one(RecordKind::AlarmChanged)]);
+        assert_eq!(shown(AuditGroup::Store), [("telemetry-block-sealed".to_owned(), 3)]);
+        assert_eq!(shown(AuditGroup::All)[0], ("telemetry-block-sealed".to_owned(), 2));
+        assert_eq!(shown(AuditGroup::All).len(), 6);
+        for kind in RecordKind::ALL {
+            assert!(AuditGroup::All.shows(Some(&kind)), "{kind}");
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! What a typed path could become, by what its folder holds. Must not open a file.
+
+use std::path::Path;
+
+/// Entries of a folder that are looked at, at most.
+const ENTRIES_MAX: usize = 2_000;
+
+/// Names that are offered, at most.
+const NAMES_MAX: usize = 200;
+
+/// Whole lines: what was typed with its last part as the name of a folder, in the order of names. A folder in which
+/// others lie ends with a slash, one with a manifest does not: it is a candidate's.
+pub fn completions(typed: &str, path: &str) -> Vec<String> {
+    let Some(before) = typed.strip_suffix(path) else { return Vec::new() };
+    let (parent, begun) = path.rfind('/').map_or(("", path), |at| path.split_at(at + 1));
+    let folder = if parent.is_empty() { Path::new(".") } else { Path::new(parent) };
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let mut names: Vec<String> = entries
+        .take(ENTRIES_MAX)
+        .flatten()
+        .filter(|entry| entry.path().is_dir())
+        // A name that is no text cannot be typed either.
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| name.starts_with(begun) && (begun.starts_with('.') || !name.starts_with('.')))
+        .filter(|name| !name.chars().any(char::is_control))
+        .collect();
+    names.sort_unstable();
+    names.truncate(NAMES_MAX);
+    let ends = |name: &str| if folder.join(name).join("manifest.toml").is_file() { "" } else { "/" };
+    names.iter().map(|name| format!("{before}{parent}{name}{}", ends(name))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_are_offered_and_candidates_end_there() {
+        let home = tempfile::tempdir().unwrap();
+        for folder in ["shop/grasp-a", "shop/grasp-b", "shop/.hidden", "shop/other"] {
+            std::fs::create_dir_all(home.path().join(folder)).unwrap();
+        }
+        std::fs::write(home.path().join("shop/grasp-a/manifest.toml"), "").unwrap();
+        std::fs::write(home.path().join("shop/grasp-file"), "").unwrap();
+        let root = home.path().display().to_string();
+        let of = |path: &str| {
+            let typed = format!("register {root}/{path}");
+            completions(&typed, typed.strip_prefix("register ").unwrap())
+        };
+        assert_eq!(of("sh"), [format!("register {root}/shop/")]);
+        assert_eq!(
+            of("shop/gr"),
+            [format!("register {root}/shop/grasp-a"), format!("register {root}/shop/grasp-b/")]
+        );
+        assert_eq!(of("shop/.h"), [format!("register {root}/shop/.hidden/")]);
+        assert!(of("nowhere/x").is_empty());
+    }
+}

@@ -1,0 +1,277 @@
+//! What the console offers: keys in hints, what a line could become, who could sit here, what a candidate waits for.
+
+use super::agreeing::screen;
+use super::*;
+use crate::action::Action;
+use crate::update::possible::Possible;
+use crate::views::hints;
+use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
+
+fn with(console: &mut TestConsole, change: impl FnOnce(&mut Snapshot)) {
+    let mut now = snapshot(0, 'e');
+    change(&mut now);
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+}
+
+/// A key that a hint offers does something; one that would be refused is none.
+#[test]
+fn no_hint_offers_a_key_that_would_be_refused() {
+    type Change = fn(&mut Snapshot);
+    let states: [(&str, Change); 6] = [
+        ("waiting", |_| ()),
+        ("at work", |now| {
+            now.candidates[0].flags = Flags { running: Some(Stage::Sandbox), ..Flags::default() }
+        }),
+        ("held", |now| now.candidates[0].flags = Flags { paused: true, ..Flags::default() }),
+        ("rejected", |now| now.candidates[0].state = State::Rejected),
+        ("active", |now| {
+            now.candidates[0].version = "grasp@1.2.0".parse().unwrap();
+            now.candidates[0].state = State::Active;
+            now.prompts.clear();
+            now.families[0].flags = Some(Flags { provisional: true, ..Flags::default() });
+        }),
+        ("nothing at all", |now| {
+            now.candidates.clear();
+            now.prompts.clear();
+            now.alarms.clear();
+        }),
+    ];
+    for (what, change) in states {
+        for view in View::ALL {
+            let mut console = TestConsole::new(0);
+            with(&mut console, change);
+            console.now_ms += 1_000;
+            console.model.now_ms += 1_000;
+            console.model.place.view = view;
+            for action in hints::actions(&console.model) {
+                let mut tried = console.clone();
+                super::super::act(&mut tried.model, action);
+                let refused = tried.model.notice.as_ref().filter(|notice| notice.bad);
+                assert!(refused.is_none(), "{what}, {view:?}, {action:?}: {refused:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn hints_follow_how_things_stand() {
+    let mut console = TestConsole::new(0);
+    let offered = |console: &TestConsole, action| hints::actions(&console.model).contains(&action);
+    assert!(offered(&console, Action::Pause) && !offered(&console, Action::Resume));
+    with(&mut console, |now| now.candidates[0].flags = Flags { paused: true, ..Flags::default() });
+    assert!(!offered(&console, Action::Pause) && offered(&console, Action::Resume));
+    with(&mut console, |now| now.prompts.clear());
+    assert!(!offered(&console, Action::ShowApprovals), "nothing waits");
+    // Help keeps what is off in its place, and says why.
+    console.keys("?let what is held");
+    let text = screen(&console, 120, 36);
+    assert!(
+        text.contains("resume") && text.contains("(off: ") && text.contains("only what is held"),
+        "{text}"
+    );
+    let possible = Possible::of(&console.model);
+    assert_eq!(possible.why_not(Action::Go).as_deref(), Some("the cell is not stopped"));
+}
+
+fn typed(console: &TestConsole) -> String {
+    match &console.model.entry.typing {
+        Some(Typing::Command(line)) => line.text().to_owned(),
+        other => format!("{other:?}"),
+    }
+}
+
+#[test]
+fn tab_goes_through_what_a_line_could_become_and_back() {
+    let mut console = TestConsole::new(0);
+    console.keys(":candidate ");
+    with(&mut console, |now| {
+        let mut other = now.candidates[0].clone();
+        other.version = "grasp@1.4.0".parse().unwrap();
+        now.candidates.push(other);
+    });
+    console.press(KeyCode::Tab);
+    assert_eq!(typed(&console), "candidate grasp@1.3.0");
+    let text = screen(&console, 80, 24);
+    assert!(text.contains("> candidate grasp@1.3.0") && text.contains("  candidate grasp@1.4.0"), "{text}");
+    console.press(KeyCode::Tab);
+    assert_eq!(typed(&console), "candidate grasp@1.4.0");
+    console.press(KeyCode::Tab);
+    assert_eq!(typed(&console), "candidate grasp@1.3.0", "round and round");
+    console.press(KeyCode::BackTab);
+    assert_eq!(typed(&console), "candidate grasp@1.4.0");
+    // The first Esc leaves the menu, the second the line.
+    console.press(KeyCode::Esc);
+    assert_eq!((typed(&console).as_str(), &console.model.entry.menu), ("candidate ", &None));
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.place.chosen.as_ref().map(ToString::to_string).as_deref(), Some("grasp@1.4.0"));
+    assert!(console.model.entry.menu.is_none());
+}
+
+#[test]
+fn a_path_is_completed_by_what_its_folder_holds() {
+    let mut console = TestConsole::new(0);
+    console.keys(":register /shop/gr");
+    let asked = console.press(KeyCode::Tab);
+    let typed_line = "register /shop/gr".to_owned();
+    assert_eq!(asked, [Effect::ReadFolder { typed: typed_line.clone(), path: "/shop/gr".to_owned() }]);
+    let lines = vec!["register /shop/grasp-a".to_owned(), "register /shop/grasp-b/".to_owned()];
+    let answer = MsgKind::Completions { typed: typed_line, lines };
+    console.tell(answer.clone());
+    assert_eq!(typed(&console), "register /shop/grasp-a");
+    // An answer about a line that is not there any more changes nothing.
+    console.keys("x");
+    console.tell(answer);
+    assert_eq!(typed(&console), "register /shop/grasp-ax");
+}
+
+#[test]
+fn somebody_who_is_nobody_is_offered_an_identity_in_sim_alone() {
+    let stranger = || MsgKind::NoIdentity { name: "zoe".to_owned(), text: "there is no zoe".to_owned() };
+    for (profile, by_key, offered) in [
+        (ProfileName::Sim, true, true),
+        (ProfileName::Human, true, false),
+        // A name from the program's arguments opens nothing by itself.
+        (ProfileName::Sim, false, false),
+    ] {
+        let mut console = TestConsole::new(0);
+        with(&mut console, |now| now.profile = profile);
+        if by_key {
+            console.keys(":as zoe");
+            assert_eq!(console.press(KeyCode::Enter), [Effect::UseIdentity("zoe".to_owned())]);
+        }
+        console.tell(stranger());
+        assert_eq!(console.model.entry.overlay.is_some(), offered, "{profile:?} {by_key}");
+        if !offered {
+            let said = console.model.notice.clone().unwrap();
+            assert!(said.bad && said.text.contains("there is no zoe"), "{said:?}");
+            continue;
+        }
+        assert_eq!(console.confirm(), [Effect::MakeIdentity("zoe".to_owned())]);
+        assert!(console.model.entry.overlay.is_none());
+    }
+}
+
+fn at_work(version: &str) -> CandidateView {
+    let mut other = snapshot(0, 'e').candidates[0].clone();
+    other.version = version.parse().unwrap();
+    other.state = State::Validated;
+    other.flags = Flags { running: Some(Stage::Sandbox), ..Flags::default() };
+    let (what, early) = ("paired episodes".to_owned(), String::new());
+    other.progress =
+        Some(ProgressView { stage: Stage::Sandbox, what, done: 3, budget: 9, since_ms: 0, early });
+    other
+}
+
+#[test]
+fn a_queued_candidate_says_what_it_waits_for() {
+    type Change = fn(&mut Snapshot);
+    let cases: [(Change, &str); 6] = [
+        (|now| now.candidates.push(at_work("align@2.0.0")), "waits for align@2.0.0, in sandbox"),
+        (
+            |now| now.candidates.push(CandidateView { progress: None, ..at_work("align@2.0.0") }),
+            "waits for align@2.0.0, in sandbox",
+        ),
+        (|now| now.candidates[0].held = true, "held back"),
+        (|now| now.holding = Some("the disk is full".to_owned()), "waits: the engine holds"),
+        (|now| now.families[0].active = None, "waits until grasp has an active version"),
+        (|now| now.candidates[0].state = State::Demoted, "waits until somebody has it evaluated again"),
+    ];
+    for (change, said) in cases {
+        let mut console = TestConsole::new(0);
+        with(&mut console, |now| {
+            now.candidates[0].state = State::Validated;
+            now.candidates[0].flags = Flags::default();
+            change(now);
+        });
+        let text = screen(&console, 120, 36);
+        assert!(text.contains(said), "{said}:\n{text}");
+    }
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| now.candidates = vec![at_work("align@2.0.0")]);
+    assert!(!screen(&console, 120, 36).contains("waits"), "what is worked waits for nothing");
+}
+
+#[test]
+fn the_monitors_are_whole_at_every_size() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| {
+        now.live.monitors = serde_json::from_value(json!([{ "version": "grasp@1.2.0", "episodes": 7,
+            "needed": 40, "restricted": true, "charts": [["violation", 3.9, 4.6]], "factor": 0.5,
+            "coupled": true }]))
+        .unwrap();
+    });
+    console.keys("4");
+    for (columns, rows) in [(200, 60), (120, 36), (100, 30)] {
+        let text = screen(&console, columns, rows);
+        for words in ["7 of 40 tasks, restricted", "x0.50", "rollback-coupled", "3.90 of 4.60"] {
+            assert!(text.contains(words), "{columns}: {words}\n{text}");
+        }
+    }
+    // Where there is no room beside the charts, they are a pane of their own.
+    assert!(!screen(&console, 80, 24).contains("3.90 of 4.60"));
+    console.press(KeyCode::BackTab);
+    for (columns, rows) in [(80, 24), (60, 16)] {
+        let text = screen(&console, columns, rows);
+        assert!(text.contains("7 of 40 tasks") && text.contains("3.90 of 4.60"), "{columns}:\n{text}");
+    }
+}
+
+#[test]
+fn rejected_versions_are_found_by_the_word_in_pipeline_and_registry() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| now.candidates[0].state = State::Rejected);
+    console.keys("/rejected");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.pipeline_rows().len(), 1);
+    assert!(screen(&console, 80, 24).contains(CANDIDATE));
+}
+
+fn picture(sequence: u64, reach: f32, contact: bool) -> holdpoint_protocol::picture::Picture {
+    let body = json!({ "links": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.4], [reach, 0.1, 0.3]],
+        "pads": [[reach, 0.1, 0.2], [reach, 0.1, 0.2]], "hand": [0.0, 0.0, 0.0, 1.0],
+        "object": [0.3, 0.1, 0.1], "object_turn": [0.0, 0.0, 0.0, 1.0], "object_half_m": 0.02, "held": false });
+    serde_json::from_value(json!({ "sequence": sequence, "at_ms": 0, "at_secs": 1.0, "task": "grasp",
+        "version": "grasp@1.2.0", "body": body, "twin": null, "speed_m_s": 0.1, "force_n": 0.0,
+        "contact_n": 0.0, "envelope": null, "contacts": [], "blocks": [],
+        "unexpected_contact": contact, "stopped": false }))
+    .unwrap()
+}
+
+/// Where the words of the pane stand: its layout and its scale show in them.
+fn laid_out(console: &TestConsole, columns: u16, rows: u16) -> Vec<(usize, usize)> {
+    let text = screen(console, columns, rows);
+    let place = |word: &str| {
+        text.lines().enumerate().find_map(|(row, line)| {
+            line.find(word).map(|at| (row, line.get(..at).map_or(0, |before| before.chars().count())))
+        })
+    };
+    ["side view", "top view", "workspace", "grasp@1.2.0  0.10"].into_iter().filter_map(place).collect()
+}
+
+#[test]
+fn the_robot_keeps_its_frame_whatever_the_arm_does() {
+    for (columns, rows) in [(200, 60), (120, 36), (80, 24)] {
+        let mut console = TestConsole::new(0);
+        with(&mut console, |now| {
+            now.scenery = serde_json::from_value(json!({ "keep_outs": [], "fixtures": [],
+                "workspace": { "name": "workspace", "min": [0.1, -0.4, 0.0], "max": [0.8, 0.4, 0.7] } }))
+            .unwrap();
+        });
+        // The first sequence reaches furthest.
+        for (sequence, reach) in [(0, 0.5), (0, 1.3), (0, 0.9)] {
+            console.tell(MsgKind::Picture(Arc::new(picture(sequence, reach, false))));
+        }
+        let framed = laid_out(&console, columns, rows);
+        assert_eq!(framed.len(), 4, "{}", screen(&console, columns, rows));
+        for (sequence, reach, contact) in [(1, 0.4, false), (2, 0.2, true), (3, 1.25, false), (4, 0.1, false)]
+        {
+            console.tell(MsgKind::Picture(Arc::new(picture(sequence, reach, contact))));
+            let now = laid_out(&console, columns, rows);
+            assert_eq!(now.get(..3), framed.get(..3), "{columns}x{rows} at {sequence}");
+        }
+    }
+}

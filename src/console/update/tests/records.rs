@@ -1,0 +1,344 @@
+//! The audit view in sentences and raw, the story's own filter, the smallest and the largest windows.
+
+use super::agreeing::screen;
+use super::*;
+use crate::model::STORY_PANE;
+use holdpoint_protocol::detail::AuditPage;
+use holdpoint_protocol::event::{Event, EventKind};
+
+fn logged() -> TestConsole {
+    let mut console = TestConsole::new(0);
+    let row = |seq: u64, kind: &str, body: serde_json::Value| {
+        json!({ "seq": seq, "prev": digest('1'), "hash": digest('2'), "at_ms": seq * 1000, "kind": kind,
+            "subject": CANDIDATE, "body": body.to_string(), "wall_ms": 0 })
+    };
+    let batch = |rows: u64| json!({ "change": { "batches": [{ "rows": rows }] } });
+    let rows = json!([
+        row(9, "telemetry-block-sealed", batch(20)),
+        row(8, "telemetry-block-sealed", batch(20)),
+        row(
+            7,
+            "state-set",
+            json!({ "change": { "from": "registered", "to": "validated", "reason": "fine" } })
+        ),
+        row(6, "flags-set", json!({ "change": { "flags": { "running": "sandbox" } } })),
+        row(5, "asked", json!({ "asked": "register", "caller": { "user": "root", "process": 12 } })),
+    ]);
+    let page = AuditPage { rows: serde_json::from_value(rows).unwrap(), head: 9 };
+    console.keys("7");
+    console.model.told.audit = Arc::new(page);
+    console
+}
+
+#[test]
+fn the_log_is_told_in_sentences_by_kind_and_enter_shows_a_record_raw() {
+    let mut console = logged();
+    let text = screen(&console, 120, 36);
+    assert!(
+        text.contains("registered -> validated: fine") && text.contains("root asked for register"),
+        "{text}"
+    );
+    assert!(!text.contains("telemetry-block") && !text.contains('{'), "{text}");
+    // The last pane has every record; the run of telemetry is one row.
+    console.press(KeyCode::BackTab);
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("2 records of sealed telemetry") && text.contains("in sandbox"), "{text}");
+    assert_eq!(console.model.row_count(), 4);
+    console.keys("j");
+    console.press(KeyCode::Enter);
+    let text = screen(&console, 120, 36);
+    assert!(
+        text.contains("Record 7 as it was written") && text.contains("\"from\": \"registered\""),
+        "{text}"
+    );
+    assert!(text.contains(&digest('2')), "the whole hash: {text}");
+    // What is looked for in it is gone to, and nothing is filtered by it.
+    console.keys("/reason");
+    console.press(KeyCode::Enter);
+    assert!(console.model.place.opened.is_some_and(|opened| opened.scroll > 0));
+    assert_eq!(console.model.row_count(), 4);
+    console.press(KeyCode::Esc);
+    assert!(console.model.place.opened.is_none() && console.model.place.view == View::Audit);
+    // A sentence is found by its words, though its content has others.
+    console.keys("/in sandbox");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.row_count(), 1);
+}
+
+fn storied() -> TestConsole {
+    let mut console = TestConsole::new(0);
+    console.model.told.story.clear();
+    let fault =
+        |seq, text: &str| Event { seq, at_ms: seq * 1_000, kind: EventKind::Fault { text: text.to_owned() } };
+    console.tell(MsgKind::Events(vec![fault(1, "a wheel came off"), fault(2, "the light went out")]));
+    console
+}
+
+#[test]
+fn the_story_has_a_filter_of_its_own() {
+    let mut console = storied();
+    console.model.place.panes[View::Overview as usize] = STORY_PANE;
+    console.keys("/wheel");
+    assert_eq!(console.model.row_count(), 1, "while it is typed");
+    console.press(KeyCode::Enter);
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("a wheel came off") && !text.contains("the light"), "{text}");
+    assert!(text.contains("1 of 2 lines with \"wheel\""), "what is filtered says so: {text}");
+    assert!(text.contains(CANDIDATE), "the pipeline keeps its candidates: {text}");
+    console.press(KeyCode::Esc);
+    assert_eq!(console.model.row_count(), 2);
+    console.model.place.panes[View::Overview as usize] = 0;
+    console.keys("/nothing of this name");
+    console.press(KeyCode::Enter);
+    assert!(
+        screen(&console, 120, 36).contains("a wheel came off"),
+        "the pipeline's filter is not the story's"
+    );
+}
+
+#[test]
+fn a_small_window_shows_the_view_below_what_calls() {
+    let mut console = logged();
+    for (key, said) in [
+        ("1", CANDIDATE),
+        ("2", "Registry: All"),
+        ("3", "Candidate: Checks"),
+        ("4", "no sequence has been shadowed"),
+        ("5", "latched"),
+        ("6", "approval grasp@1.3.0"),
+        ("7", "registered -> v"),
+    ] {
+        console.keys(key);
+        let text = screen(&console, 40, 12);
+        assert!(text.contains(said), "{key}: {said}\n{text}");
+        assert!(text.contains("HIGH") && text.contains("X stop"), "{key}\n{text}");
+    }
+    // With fewer lines alarms and what waits are all there is.
+    console.keys("1");
+    let text = screen(&console, 40, 6);
+    assert!(text.contains("approval grasp@1.3.0") && !text.contains("Overview"), "{text}");
+}
+
+#[test]
+fn a_large_window_says_why_beside_where() {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    now.candidates[0].reasons = serde_json::from_value(json!([
+        { "code": "shadow-clean", "dimension": "shadow", "text": "no signal more", "evidence": null, "limit": null },
+        { "code": "policy-compatible", "dimension": "policy", "text": "covered", "evidence": null, "limit": null },
+    ]))
+    .unwrap();
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    let text = screen(&console, 200, 60);
+    assert!(text.contains("Checks of grasp@1.3.0") && text.contains("policy-compatible: covered"), "{text}");
+    assert!(!screen(&console, 120, 36).contains("Checks of"));
+}
+
+#[test]
+fn the_tour_takes_one_line() {
+    let mut console = TestConsole::new(0);
+    let without = screen(&console, 80, 24);
+    console.model.settings.tour = Some(0);
+    for (columns, rows) in [(80, 24), (60, 16), (120, 36)] {
+        let text = screen(&console, columns, rows);
+        assert!(text.lines().nth(2).is_some_and(|line| line.ends_with("(. ends the tour)")), "{text}");
+    }
+    let with = screen(&console, 80, 24);
+    assert_eq!(with.lines().nth(3), without.lines().nth(2), "the view begins one line further down");
+}
+
+fn listed(console: &mut TestConsole) {
+    let row = |version: &str, state: &str, behavior: Option<f64>, changed_ms: u64| {
+        json!({ "version": version, "state": state, "row_version": 1, "flags": flags(false, false),
+            "kappas": [1.0, 1.0, behavior, null], "baseline": false, "author": "cora", "provenance": "manual",
+            "risk": "low", "changed_ms": changed_ms })
+    };
+    let page = json!({ "reply": "registry", "page": { "total": 4, "thresholds": [0.9, 0.9, 0.9, 0.9], "rows": [
+        row("align@1.0.0", "active", None, 10), row("grasp@1.0.0", "superseded", Some(0.7), 20),
+        row("grasp@1.2.0", "active", Some(0.95), 30), row("grasp@1.10.0", "rejected", Some(0.2), 40)] } });
+    let reply = Box::new(serde_json::from_value(page).unwrap());
+    console.tell(MsgKind::Answer { id: "x".to_owned(), reply });
+}
+
+/// The versions of the registry's rows, in their order.
+fn versions(console: &TestConsole) -> Vec<String> {
+    let rows = console.model.registry_rows();
+    let version = |row: &crate::rows::RegistryItem<'_>| match row {
+        crate::rows::RegistryItem::Version(row) => Some(row.version.to_string()),
+        crate::rows::RegistryItem::Family { .. } => None,
+    };
+    rows.iter().filter_map(version).collect()
+}
+
+#[test]
+fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
+    let mut console = TestConsole::new(0);
+    console.keys("2");
+    listed(&mut console);
+    let tree = ["align@1.0.0", "grasp@1.0.0", "grasp@1.2.0", "grasp@1.10.0"];
+    assert_eq!(versions(&console), tree);
+    assert_eq!(console.model.row_count(), 6, "families are rows of the tree");
+    // The cursor stays on its version, wherever that is now.
+    console.keys("G");
+    console.keys("ssss");
+    assert_eq!(
+        versions(&console),
+        ["grasp@1.10.0", "grasp@1.0.0", "grasp@1.2.0", "align@1.0.0"],
+        "behaviour"
+    );
+    assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("kBv") && text.contains("grasp@1.10.0"), "{text}");
+    console.keys("S");
+    assert_eq!(
+        versions(&console),
+        ["grasp@1.2.0", "grasp@1.0.0", "grasp@1.10.0", "align@1.0.0"],
+        "turned round; what is not measured stays last"
+    );
+    // A page that comes anew keeps the order.
+    listed(&mut console);
+    assert_eq!(versions(&console)[0], "grasp@1.2.0");
+    console.keys("ss");
+    assert_eq!(versions(&console)[0], "grasp@1.10.0", "the newest change first");
+    console.keys("ss");
+    assert_eq!(versions(&console), tree);
+    console.keys("S");
+    assert_eq!(versions(&console), ["align@1.0.0", "grasp@1.10.0", "grasp@1.2.0", "grasp@1.0.0"]);
+    console.keys("5s");
+    assert!(console.model.notice.as_ref().is_some_and(|said| said.text.contains("order of attention")));
+}
+
+#[test]
+fn details_are_searched_and_n_goes_on() {
+    let mut console = TestConsole::new(0);
+    console.keys("3");
+    let value = json!({
+        "version": CANDIDATE, "against": "grasp@1.2.0", "parent": null, "digest": digest('a'), "summary": "",
+        "author": "cora", "provenance": "manual", "risk": "low", "registered_ms": 0, "dimensions": [],
+        "composite": null, "reasons": [], "conditions": [], "behavior": [], "modes": [],
+        "differences": [
+            { "field": "params.speed", "old": 1, "new": 2 }, { "field": "params.grip", "old": "soft", "new": "hard" },
+            { "field": "params.lift", "old": null, "new": 3 }, { "field": "params.drop", "old": "hard", "new": null }],
+        "drills": [], "decisions": [], "audit": [], "evidence": null, "untested": [] });
+    console.model.told.detail = Some(Arc::new(serde_json::from_value(value).unwrap()));
+    console.press(KeyCode::Tab);
+    // By a value, and not only by the field's name.
+    console.keys("/HARD");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.row(), 1);
+    console.keys("n");
+    assert_eq!(console.model.row(), 3);
+    console.keys("n");
+    assert_eq!(console.model.row(), 1, "from the top again");
+    let mut other = TestConsole::new(0);
+    other.keys("n");
+    assert!(
+        other
+            .model
+            .notice
+            .as_ref()
+            .is_some_and(|said| said.bad && said.text.contains("nothing was searched"))
+    );
+}
+
+/// The place of a text on the screen of the model's size.
+fn place(console: &TestConsole, wanted: &str) -> (u16, u16) {
+    let (columns, rows) = console.model.size;
+    let text = screen(console, columns, rows);
+    let found = text.lines().enumerate().find_map(|(row, line)| Some((line.find(wanted)?, row)));
+    let (column, row) = found.unwrap_or_else(|| panic!("{wanted:?} is not there:\n{text}"));
+    (u16::try_from(column).unwrap(), u16::try_from(row).unwrap())
+}
+
+#[test]
+fn a_click_leads_where_it_points_and_decides_nothing() {
+    let mut console = TestConsole::new(0);
+    console.model.size = (120, 36);
+    console.model.settings.mouse = true;
+    let click = |console: &mut TestConsole, wanted: &str| {
+        let (column, row) = place(console, wanted);
+        console.tell(MsgKind::Click(column, row))
+    };
+    click(&mut console, "5 Alarms");
+    assert_eq!(console.model.place.view, View::Alarms);
+    click(&mut console, "3o LOW");
+    click(&mut console, "1^ CRIT  # latched");
+    assert_eq!(console.model.row(), 3, "the alarm that was pointed at");
+    click(&mut console, "2 Registry");
+    listed(&mut console);
+    click(&mut console, "Candidates");
+    assert_eq!(console.model.place.pane(), 2);
+    click(&mut console, "All");
+    click(&mut console, "1.10.0");
+    assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
+    console.now_ms += 1_000;
+    click(&mut console, "1.10.0");
+    assert_eq!(console.model.place.view, View::Candidate, "what is under the cursor opens");
+    click(&mut console, "1 Overview");
+    click(&mut console, "Story");
+    assert_eq!(console.model.place.pane(), STORY_PANE);
+    click(&mut console, CANDIDATE);
+    assert_eq!(console.model.place.pane(), 0);
+    // Nothing over the view takes a click: no button of a form or a question is one.
+    for open in ["x", "a"] {
+        console.keys("1");
+        console.keys(open);
+        console.press(KeyCode::Enter);
+        if open == "x" {
+            console.keys("x");
+        }
+        let before = console.model.clone();
+        assert!(before.entry.overlay.is_some(), "{open}");
+        for row in 0..36 {
+            for column in (0..120).step_by(3) {
+                assert!(console.tell(MsgKind::Click(column, row)).is_empty());
+            }
+        }
+        assert_eq!(console.model.entry, before.entry, "{open}");
+        console.press(KeyCode::Esc);
+    }
+    console.model.settings.mouse = false;
+    console.keys("1");
+    click(&mut console, "5 Alarms");
+    assert_eq!(console.model.place.view, View::Overview, "the mouse was given back");
+}
+
+#[test]
+fn every_marked_alarm_is_acknowledged_by_one_key() {
+    let mut console = TestConsole::new(0);
+    console.keys("5g");
+    console.keys("mmm");
+    assert_eq!(console.model.place.marked.len(), 3);
+    assert!(screen(&console, 100, 30).contains("LOW-"), "{}", screen(&console, 100, 30));
+    let effects = console.keys(" ");
+    let named: Vec<&str> = effects
+        .iter()
+        .filter_map(|effect| match effect {
+            Effect::Ask { question: Question::Acknowledge { alarm, by }, .. } if by == "ana" => {
+                Some(alarm.as_str())
+            }
+            _ => None,
+        })
+        .collect();
+    // The third is acknowledged already.
+    assert_eq!(named, ["low:1", "high:1"]);
+    console.keys(" ");
+    assert!(console.model.place.marked.is_empty());
+    assert!(console.keys("gm").is_empty() && console.model.place.marked.len() == 1);
+    console.keys("gm");
+    assert!(console.model.place.marked.is_empty(), "the same key takes the mark away");
+}
+
+#[test]
+fn changed_files_of_keys_and_themes_are_taken_in() {
+    let mut console = TestConsole::new(0);
+    console.now_ms += 5_000;
+    assert!(console.tell(MsgKind::Tick).contains(&Effect::LookAtOwnFiles));
+    assert!(!console.tell(MsgKind::Tick).contains(&Effect::LookAtOwnFiles), "not at every tick");
+    let keymap = Keymap::with_file("keys.toml", "[keys]\nalarms = [\"f5\"]\n").unwrap();
+    let themes = vec!["calm-dark".to_owned(), "dusk".to_owned()];
+    console.tell(MsgKind::OwnFiles { keymap: Arc::new(keymap), themes });
+    console.press(KeyCode::F(5));
+    assert_eq!(console.model.place.view, View::Alarms);
+    assert_eq!(console.keys("T"), [Effect::UseTheme("dusk".to_owned())]);
+}

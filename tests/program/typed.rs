@@ -1,0 +1,81 @@
+//! Commands on the input of a run without a screen.
+
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+/// Runs with these lines on its input, which then ends.
+fn plain(data: &Path, words: &[&str], lines: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["run", "--jobs", "1", "--no-recording"])
+        .args(words)
+        .arg("--data")
+        .arg(data)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // A run that takes no commands may have ended before it was written to.
+    let mut input = child.stdin.take().unwrap();
+    drop(input.write_all(lines.as_bytes()));
+    drop(input);
+    child.wait_with_output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+#[test]
+fn verbs_are_carried_out_line_by_line_beside_the_engine() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let lines = "# a remark\nhelp\nfly\n:status\nidentity new mara --unprotected\n\
+                 goal grasp --as mara --reason 'only the first'\nstatus --family \"nobody\n";
+    let output = plain(&data, &["--plain"], lines);
+    let text = said(&output);
+    for part in [
+        "a line is a verb of holdpoint",
+        "there is no command \"fly\"",
+        "> status",
+        "made the identity mara",
+        "> goal grasp --as mara --reason only the first",
+        "a quote is not closed; nothing was done",
+        "nothing was judged",
+    ] {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
+    assert_eq!(output.status.code(), Some(5), "{text}");
+    let order = ["> status", "made the identity mara", "> goal"].map(|part| text.find(part));
+    assert!(order.is_sorted(), "in the order in which they were typed: {text}");
+    // What was done stands in the record, as from a shell.
+    let listed = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .args(["audit", "list", "--kind", "goal-set", "--data"])
+        .arg(&data)
+        .output()
+        .unwrap();
+    assert!(said(&listed).contains("goal-set"), "{}", said(&listed));
+}
+
+#[test]
+fn what_stops_waits_for_nothing_and_quit_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let output =
+        plain(&data, &["--plain"], "register manifests/candidates/align-improved\nstop --reason 'a hand'\n");
+    let text = said(&output);
+    assert!(text.contains("> stop --reason a hand") && text.contains("> candidate register"), "{text}");
+    let folder = tempfile::tempdir().unwrap();
+    let output = plain(&folder.path().join("store"), &["--plain"], "quit\nstatus\n");
+    assert!(!said(&output).contains("> status"), "{}", said(&output));
+}
+
+/// Where it was chosen for want of a terminal, the input is somebody else's: a loop in a shell reads on from it.
+#[test]
+fn without_the_flag_the_input_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = plain(&folder.path().join("store"), &[], "status\n");
+    let text = said(&output);
+    assert!(!text.contains("> status") && output.status.code() == Some(5), "{text}");
+}
