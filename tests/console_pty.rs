@@ -8,6 +8,8 @@
 mod agent;
 #[path = "console_pty/alone.rs"]
 mod alone;
+#[path = "console_pty/health.rs"]
+mod health;
 #[path = "support/pty.rs"]
 #[allow(dead_code, reason = "the measurements use the rest")]
 mod pty;

@@ -87,6 +87,7 @@ impl Side {
             | Reply::Detail { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
+            | Reply::Health { .. }
             | Reply::Verified { .. } => Err(CliError::internal("the engine answered without a snapshot")),
         }
     }
@@ -140,6 +141,7 @@ fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
         | Reply::Detail { .. }
         | Reply::Registry { .. }
         | Reply::Audit { .. }
+        | Reply::Health { .. }
         | Reply::Verified { .. } => {
             Err(CliError::internal("the engine answered with something that was not asked for"))
         }

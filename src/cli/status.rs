@@ -323,6 +323,7 @@ impl Source<'_> {
                 | Reply::Detail { .. }
                 | Reply::Registry { .. }
                 | Reply::Audit { .. }
+                | Reply::Health { .. }
                 | Reply::Verified { .. },
             )
             | Err(DoorError::NoAnswer { .. } | DoorError::Ended { .. }) => Ok(None),

@@ -11,6 +11,7 @@ use holdpoint_body::rehearsal::Drift;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::health::HealthAsked;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
@@ -79,6 +80,10 @@ pub enum Question {
         /// About this alone; empty for all.
         subject: String,
     },
+    /// What live tasks came to over time.
+    Health(HealthAsked),
+    /// The course of alarms.
+    AlarmHistory(HealthAsked),
     Verify,
     /// Note that an alarm was seen. Resumes nothing.
     Acknowledge {
@@ -114,6 +119,8 @@ impl Question {
             Self::Detail(_) => AskedFor::Detail,
             Self::Registry { .. } => AskedFor::Registry,
             Self::Audit { .. } => AskedFor::Audit,
+            Self::Health(_) => AskedFor::Health,
+            Self::AlarmHistory(_) => AskedFor::AlarmHistory,
             Self::Verify => AskedFor::Verification,
             Self::Acknowledge { .. } | Self::Unshelve { .. } => AskedFor::Alarm,
             Self::Stop { .. } => AskedFor::Operation,
@@ -129,6 +136,7 @@ impl Question {
             Self::Detail(version) => Command::Detail { version },
             Self::Registry { group, text } => Command::Registry { group, text, offset: 0, limit: PAGE_ROWS },
             Self::Audit { subject } => Command::Audit { before: None, subject, limit: AUDIT_ROWS },
+            Self::Health(asked) | Self::AlarmHistory(asked) => Command::Health { asked },
             Self::Verify => Command::VerifyAudit,
             Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },
             Self::Unshelve { alarm, by } => Command::UnshelveAlarm { alarm, by },

@@ -164,6 +164,7 @@ impl PlainStream<'_> {
             | Reply::Detail { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
+            | Reply::Health { .. }
             | Reply::Verified { .. } => {}
         }
         let events = self.pump.tell();

@@ -26,6 +26,7 @@ impl Command {
             Self::Detail { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
+            | Self::Health { .. }
             | Self::VerifyAudit
             | Self::Snapshot => Authority::Reads,
             Self::Stop { .. }
@@ -94,6 +95,7 @@ impl Command {
             | Self::Detail { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
+            | Self::Health { .. }
             | Self::VerifyAudit
             | Self::Snapshot
             | Self::Shutdown => None,

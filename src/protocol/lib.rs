@@ -15,6 +15,7 @@
 
 mod answer;
 mod authority;
+pub mod calendar;
 mod caller;
 mod changes;
 pub mod clock;
@@ -22,6 +23,7 @@ pub mod command;
 pub mod detail;
 pub mod event;
 pub mod explained;
+pub mod health;
 pub mod picture;
 mod purpose;
 pub mod schema;

@@ -18,6 +18,7 @@ mod displaced;
 mod door;
 mod early;
 mod explain;
+mod health;
 mod host;
 mod kept;
 mod keys;

@@ -11,6 +11,10 @@ pub enum AskedFor {
     Detail,
     /// A page of the audit log.
     Audit,
+    /// Health over time.
+    Health,
+    /// The course of alarms.
+    AlarmHistory,
     /// A check of the whole audit chain.
     Verification,
     /// A candidate that is submitted.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{asking, operating, overlays, tell};
 use crate::effect::{Effect, Question};
-use crate::model::{EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
+use crate::model::{AskedFor, EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Reply;
@@ -85,7 +85,9 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
     overlays::answered(model, id);
-    let asked = model.asking.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
+    let pending = model.asking.pending.remove(id);
+    let about = pending.as_ref().map(|pending| pending.about);
+    let asked = pending.map(|pending| pending.what).unwrap_or_default();
     match reply {
         Reply::Accepted { text, .. } => {
             tell(model, text, false);
@@ -108,6 +110,14 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
         }
         Reply::Audit { page } => {
             model.told.audit = Arc::new(page);
+            Vec::new()
+        }
+        Reply::Health { series } => {
+            if about == Some(AskedFor::AlarmHistory) {
+                model.told.alarm_history = Some(Arc::from(series));
+            } else {
+                model.told.health = Some((Arc::from(series), model.now_ms));
+            }
             Vec::new()
         }
         Reply::Verified { verified } => {

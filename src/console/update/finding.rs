@@ -1,8 +1,9 @@
 //! The cursor goes to what is typed, in views that nothing may be filtered from.
 
 use super::moving::set_row;
-use crate::model::{Model, Typing, View};
+use crate::model::{HISTORY_PANE, Model, Typing, View};
 use crate::rows::said;
+use holdpoint_protocol::health::AlarmSpell;
 
 /// Puts the cursor on the next row that contains what is typed, from where it is and then from the top. It stays if
 /// there is none.
@@ -28,6 +29,12 @@ fn found(model: &Model, text: &str) -> Option<usize> {
 /// What each row of the view says.
 fn texts(model: &Model) -> Vec<String> {
     match model.place.view {
+        View::Alarms if model.place.pane() == HISTORY_PANE => {
+            let said =
+                |spell: &AlarmSpell| format!("{} {}", spell.alarm, spell.text.as_deref().unwrap_or(""));
+            model.alarm_spells().into_iter().map(said).collect()
+        }
+        View::Health => model.health_families().iter().map(ToString::to_string).collect(),
         View::Alarms => {
             let rows = model.alarm_rows();
             let alarms = rows.iter().map(|row| row.alarm());

@@ -26,6 +26,7 @@ use holdpoint_protocol::snapshot::{Snapshot, StoppedView};
 mod aim;
 mod alone;
 mod following;
+mod health;
 mod reading;
 mod seats;
 mod signing;
@@ -159,7 +160,9 @@ fn harmless(effects: &[Effect]) -> bool {
     effects.iter().all(|effect| match effect {
         Effect::Decide { .. } | Effect::Operate { .. } | Effect::End | Effect::Register { .. } => false,
         Effect::Ask { question, .. } => {
-            matches!(question, Question::Detail(_) | Question::Registry { .. } | Question::Audit { .. })
+            use Question as Q;
+            let reads = matches!(question, Q::Detail(_) | Q::Registry { .. } | Q::Audit { .. });
+            reads || matches!(question, Q::Health(_) | Q::AlarmHistory(_))
         }
         _ => true,
     })

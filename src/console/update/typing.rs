@@ -24,7 +24,9 @@ pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
             let present = model.place.filters.get(&model.place.view).map_or("", String::as_str);
             Typing::Filter(EditLine::new(present))
         }
-        View::Candidate | View::Shadow | View::Alarms | View::Approvals => Typing::Find(EditLine::default()),
+        View::Candidate | View::Shadow | View::Alarms | View::Approvals | View::Health => {
+            Typing::Find(EditLine::default())
+        }
     });
     Vec::new()
 }

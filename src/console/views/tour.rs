@@ -37,6 +37,10 @@ const fn sentences(view: View) -> &'static [&'static str] {
             "What waits for a person: enter opens the whole decision, and Enter never approves",
             "Nobody answers in time: a candidate is held, a questioned version is rolled back",
         ],
+        View::Health => &[
+            "Is it better or worse? Each row is a family, each column a span of time; the sentence below answers for the cursor",
+            "tab shows violations, time or force; + and - zoom, left and right move the cursor, ctrl-s writes CSV and SVG",
+        ],
         View::Audit => &["Every record carries the hash of the one before; v checks the whole chain"],
     }
 }

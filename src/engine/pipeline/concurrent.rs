@@ -84,6 +84,7 @@ impl Pipeline {
             | Command::Detail { .. }
             | Command::Registry { .. }
             | Command::Audit { .. }
+            | Command::Health { .. }
             | Command::VerifyAudit
             | Command::Snapshot => Timing::Now,
         }

@@ -310,6 +310,7 @@ impl Drive<'_> {
             | Reply::Detail { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
+            | Reply::Health { .. }
             | Reply::Verified { .. } => {
                 let events = self.pump.tell();
                 self.learn(events)
