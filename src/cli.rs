@@ -21,6 +21,7 @@ pub mod doctor;
 mod engine_verbs;
 pub mod experiment;
 pub mod explain;
+pub mod health;
 pub mod identity;
 pub mod kept;
 #[cfg(feature = "console")]
@@ -56,6 +57,7 @@ pub mod store;
 pub mod theme;
 pub mod truth;
 pub mod verify;
+mod when;
 pub mod witness;
 
 use std::ffi::OsString;
@@ -144,6 +146,8 @@ pub enum Verb {
     Resume(decide::PauseArgs),
     /// Says why a version stands where it stands, decision by decision.
     Explain(explain::ExplainArgs),
+    /// Shows whether the live cell is better or worse than it was: success, violations, time and force over time.
+    Health(health::HealthArgs),
     /// Computes the metrics that can be had from telemetry and record.
     Metrics(metrics::MetricsArgs),
     /// Makes, enrols, revokes and lists the identities that sign decisions.
@@ -246,6 +250,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
             engine.decide(&context()?, &AskedDecision::BreakGlass(args.clone()), out)
         }
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
+        Some(Verb::Health(args)) => health::run(&context()?, args, out),
         Some(Verb::Metrics(args)) => metrics::run(&context()?, args, out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(&context()?, args, out),

@@ -49,6 +49,9 @@ pub mod records {}
 #[doc = include_str!("guide/metrics.md")]
 pub mod metrics {}
 
+#[doc = include_str!("guide/health.md")]
+pub mod health {}
+
 #[doc = include_str!("guide/performance.md")]
 pub mod performance {}
 

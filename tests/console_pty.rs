@@ -8,6 +8,8 @@
 mod agent;
 #[path = "console_pty/alone.rs"]
 mod alone;
+#[path = "console_pty/health.rs"]
+mod health;
 #[path = "console_pty/own.rs"]
 mod own;
 #[path = "support/pty.rs"]

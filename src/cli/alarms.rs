@@ -9,9 +9,11 @@ use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
+use holdpoint_engine::health_series::{HealthError, HealthReader};
 use holdpoint_governance::alarms::{Alarm, AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::AuditFilter;
+use holdpoint_protocol::health::{AlarmSpell, BUCKET_MS_MAX, BUCKETS_MAX, HealthAsked, HealthClock};
+use holdpoint_registry::{AuditFilter, Layout, Views};
 use holdpoint_text::Untrusted;
 
 /// The arguments of `alarms`.
@@ -20,11 +22,15 @@ use holdpoint_text::Untrusted;
 Examples:
   holdpoint alarms
   holdpoint alarms --history --limit 20
+  holdpoint alarms --history --courses
   holdpoint alarms --history --alarm degraded:grasp@1.0.0")]
 pub struct AlarmsArgs {
     /// Every change of every alarm, the newest first, instead of what is open now.
     #[arg(long)]
     pub history: bool,
+    /// With --history: each alarm once for each time it was raised, with who did what and how long it stood.
+    #[arg(long, requires = "history")]
+    pub courses: bool,
     /// Only this alarm.
     #[arg(long, value_name = "NAME")]
     pub alarm: Option<String>,
@@ -62,6 +68,9 @@ impl AlarmLine {
 /// [`CliError`] if the store cannot be read.
 pub(super) fn run(context: &CliContext, args: &AlarmsArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
+    if args.courses {
+        return courses(views, context, args, out);
+    }
     let kept = views.alarms().map_err(CliError::usage)?;
     let text_of = |name: &str| {
         let entry = kept.iter().find(|entry| entry.alarm == name)?;
@@ -95,6 +104,44 @@ pub(super) fn run(context: &CliContext, args: &AlarmsArgs, out: &mut Output<'_>)
     if lines.is_empty() && !out.is_json() {
         out.line(if args.history { "no alarm was ever raised" } else { "no alarm is open" })?;
     }
+    Ok(Exit::Confirmed)
+}
+
+/// The whole record's course of each alarm, the newest first.
+fn courses(
+    views: Views,
+    context: &CliContext,
+    args: &AlarmsArgs,
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
+    let end = reader.end().map_err(CliError::usage)?;
+    // By the engine's clock every record has its place.
+    let asked = HealthAsked {
+        clock: Some(HealthClock::Virtual),
+        only_alarms: true,
+        bucket_ms: BUCKET_MS_MAX,
+        buckets: BUCKETS_MAX,
+        ..HealthAsked::default()
+    };
+    let series = reader.read(&asked, Some(end)).map_err(|error| match error {
+        HealthError::Store(error) => CliError::usage(error),
+        HealthError::Asked(text) => CliError::usage(text),
+    })?;
+    let wanted = |spell: &&AlarmSpell| args.alarm.as_ref().is_none_or(|alarm| *alarm == spell.alarm);
+    let mut count = 0;
+    for spell in series.alarms.iter().filter(wanted).take(usize::from(args.limit)) {
+        count += 1;
+        out.answer(spell, |out| {
+            out.paragraph("", &format!("{} {}, {}", spell.priority, spell.alarm, spell.state))?;
+            spell.sentences(end.at_ms).iter().try_for_each(|text| out.paragraph("  ", text))
+        })?;
+    }
+    if count == 0 && !out.is_json() {
+        out.line("no alarm was ever raised")?;
+    }
+    let left_out = if out.is_json() { Vec::new() } else { series.coverage.sentences() };
+    left_out.iter().try_for_each(|text| out.paragraph("", text))?;
     Ok(Exit::Confirmed)
 }
 

@@ -17,6 +17,7 @@ use holdpoint_engine::cell::Cell;
 use holdpoint_engine::observed::{self, Coverage, Since, StoreMetrics};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::observed::{ObservedMetrics, Replay, Spread};
+use holdpoint_protocol::calendar;
 use holdpoint_registry::{Layout, TelemetryViews};
 
 /// Days of the longest span that can be asked for.
@@ -50,7 +51,7 @@ impl FromStr for When {
         let found = if let Some(number) = text.strip_prefix('#') {
             number.parse().ok().map(Since::Record)
         } else {
-            span_ms(text).map(Since::BackMs).or_else(|| moment_ms(text).map(Since::WallMs))
+            span_ms(text).map(Since::BackMs).or_else(|| calendar::read(text).map(Since::WallMs))
         };
         found.map(Self).ok_or_else(|| {
             format!(
@@ -62,7 +63,7 @@ impl FromStr for When {
 }
 
 /// `90m` as milliseconds.
-fn span_ms(text: &str) -> Option<u64> {
+pub(super) fn span_ms(text: &str) -> Option<u64> {
     let unit = text.chars().last()?;
     let secs: u64 = match unit {
         's' => 1,
@@ -74,42 +75,6 @@ fn span_ms(text: &str) -> Option<u64> {
     let number: u64 = text.strip_suffix(unit)?.parse().ok()?;
     let all = number.checked_mul(secs)?;
     (all <= DAYS_MAX * 86_400).then(|| all * 1_000)
-}
-
-/// `2026-11-22`, `2026-11-22T10:30`, `2026-11-22T10:30:05Z` as milliseconds since 1970, UTC.
-fn moment_ms(text: &str) -> Option<i64> {
-    let text = text.strip_suffix('Z').unwrap_or(text);
-    let (day, time) = text.split_once(['T', ' ']).unwrap_or((text, "00:00"));
-    let numbers = |text: &str, mark: char, digits: &[usize]| -> Option<Vec<i64>> {
-        let parts: Vec<&str> = text.split(mark).collect();
-        let as_asked = parts.len() == digits.len()
-            && parts.iter().zip(digits).all(|(part, digits)| {
-                part.len() == *digits && part.bytes().all(|byte| byte.is_ascii_digit())
-            });
-        if as_asked { parts.iter().map(|part| part.parse().ok()).collect() } else { None }
-    };
-    let &[year, month, date] = numbers(day, '-', &[4, 2, 2])?.as_slice() else { return None };
-    let time = numbers(time, ':', &[2, 2]).or_else(|| numbers(time, ':', &[2, 2, 2]))?;
-    let &[hour, minute, ref second @ ..] = time.as_slice() else { return None };
-    let second = second.first().copied().unwrap_or(0);
-    let leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
-    let days_of_month = match month {
-        2 if leap => 29,
-        2 => 28,
-        4 | 6 | 9 | 11 => 30,
-        1..=12 => 31,
-        _ => return None,
-    };
-    let sound = (1970..=9999).contains(&year) && (1..=days_of_month).contains(&date);
-    if !sound || hour > 23 || minute > 59 || second > 59 {
-        return None;
-    }
-    // Days from civil (Howard Hinnant): years begin in March.
-    let (y, m) = if month <= 2 { (year - 1, month + 9) } else { (year, month - 3) };
-    let (era, of_era) = (y / 400, y % 400);
-    let days =
-        era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + (153 * m + 2) / 5 + date - 1 - 719_468;
-    Some((days * 86_400 + hour * 3_600 + minute * 60 + second) * 1_000)
 }
 
 /// Reads and prints.

@@ -88,6 +88,7 @@ impl Side {
             | Reply::Film { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
+            | Reply::Health { .. }
             | Reply::Verified { .. } => Err(CliError::internal("the engine answered without a snapshot")),
         }
     }
@@ -142,6 +143,7 @@ fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
         | Reply::Film { .. }
         | Reply::Registry { .. }
         | Reply::Audit { .. }
+        | Reply::Health { .. }
         | Reply::Verified { .. } => {
             Err(CliError::internal("the engine answered with something that was not asked for"))
         }

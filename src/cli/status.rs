@@ -324,6 +324,7 @@ impl Source<'_> {
                 | Reply::Film { .. }
                 | Reply::Registry { .. }
                 | Reply::Audit { .. }
+                | Reply::Health { .. }
                 | Reply::Verified { .. },
             )
             | Err(DoorError::NoAnswer { .. } | DoorError::Ended { .. }) => Ok(None),

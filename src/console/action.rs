@@ -96,6 +96,8 @@ actions! {
     ShowApprovals = "approvals", Everywhere, ["6", "a"];
     /// Audit log
     ShowAudit = "audit", Everywhere, ["7"];
+    /// Health: success, violations, time and force over hours and days
+    ShowHealth = "health", Everywhere, ["8"];
     /// Stop the arm at once, whatever is under way; no question is asked
     Stop = "stop", Everywhere, ["X", "f9"];
     /// Let the stopped cell work again, reason required
@@ -285,6 +287,7 @@ impl Action {
             | Self::ShowAlarms
             | Self::ShowApprovals
             | Self::ShowAudit
+            | Self::ShowHealth
             | Self::JumpToAlarm
             | Self::Help
             | Self::CommandLine

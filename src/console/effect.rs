@@ -12,6 +12,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::film::FilmAsked;
+use holdpoint_protocol::health::HealthAsked;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
@@ -98,6 +99,10 @@ pub enum Question {
         /// About this alone; empty for all.
         subject: String,
     },
+    /// What live tasks came to over time.
+    Health(HealthAsked),
+    /// The course of alarms.
+    AlarmHistory(HealthAsked),
     Verify,
     /// Note that an alarm was seen. Resumes nothing.
     Acknowledge {
@@ -134,6 +139,8 @@ impl Question {
             Self::Registry { .. } => AskedFor::Registry,
             Self::Film { .. } => AskedFor::Film,
             Self::Audit { .. } => AskedFor::Audit,
+            Self::Health(_) => AskedFor::Health,
+            Self::AlarmHistory(_) => AskedFor::AlarmHistory,
             Self::Verify => AskedFor::Verification,
             Self::Acknowledge { .. } | Self::Unshelve { .. } => AskedFor::Alarm,
             Self::Stop { .. } => AskedFor::Operation,
@@ -150,6 +157,7 @@ impl Question {
             Self::Registry { group, text } => Command::Registry { group, text, offset: 0, limit: PAGE_ROWS },
             Self::Film { version, asked } => Command::Film { version, asked },
             Self::Audit { subject } => Command::Audit { before: None, subject, limit: AUDIT_ROWS },
+            Self::Health(asked) | Self::AlarmHistory(asked) => Command::Health { asked },
             Self::Verify => Command::VerifyAudit,
             Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },
             Self::Unshelve { alarm, by } => Command::UnshelveAlarm { alarm, by },

@@ -119,6 +119,7 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
         View::Alarms => views::alarms::draw(model, pen, body),
         View::Approvals => views::approvals::draw(model, pen, body),
         View::Audit => views::audit::draw(model, pen, body),
+        View::Health => views::health::draw(model, pen, body),
     }
     body
 }

@@ -28,6 +28,7 @@ pub mod run;
 pub mod secret;
 pub mod terminal;
 pub mod theme;
+mod trend;
 pub mod update;
 pub mod views;
 pub mod widgets;

@@ -18,7 +18,10 @@ pub use entry::{CompletionMenu, Overlay, Typed, Typing, Watched, WhyScreen};
 pub use framing::Framing;
 pub use headway::Headway;
 pub use order::{SortBy, SortOrder};
-pub use place::{Frozen, ItemKey, ListCursor, MONITORS_PANE, OpenedRecord, STORY_PANE, View, ViewState};
+pub use place::{
+    Frozen, HEALTH_WIDTH, HISTORY_PANE, HealthPlace, ItemKey, ListCursor, MONITORS_PANE, OpenedRecord,
+    STORY_PANE, View, ViewState,
+};
 pub use told::{
     Absence, EngineLink, EngineState, LOG_MAX, Listing, STALE_AFTER_MS, STOP_ANSWER_MS, Seeking, StopAsked,
     StoryLine, Told,
@@ -181,6 +184,15 @@ impl Model {
     pub fn engine_ms(&self) -> u64 {
         let at_ms = self.told.snapshot.as_ref().map_or(0, |snapshot| snapshot.at_ms);
         at_ms.saturating_add(self.now_ms.saturating_sub(self.told.snapshot_ms))
+    }
+
+    /// The machine's time at the engine now, ms since 1970: the snapshot's and what has passed since. Absent where the
+    /// engine says none: a script's, or one of an earlier version.
+    #[must_use]
+    pub fn wall_ms(&self) -> Option<i64> {
+        let told_ms = self.told.snapshot.as_ref()?.wall_ms?;
+        let passed = i64::try_from(self.now_ms.saturating_sub(self.told.snapshot_ms)).ok()?;
+        Some(told_ms.saturating_add(passed))
     }
 
     /// The filter of the present view; while it is typed, as far as it is typed. The story's is its own.

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::audit::{self, AuditGroup, AuditItem};
-use super::model::{ItemKey, MONITORS_PANE, Model, STORY_PANE, StoryLine, View};
+use super::model::{HISTORY_PANE, ItemKey, MONITORS_PANE, Model, STORY_PANE, StoryLine, View};
 use super::words::standing;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
@@ -15,6 +15,7 @@ use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::Explained;
+use holdpoint_protocol::health::AlarmSpell;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, PromptView, QuestionView};
 
 /// A row of the registry's tree.
@@ -280,7 +281,9 @@ impl Model {
             (View::Candidate, pane) => self.candidate_rows(pane).len(),
             (View::Shadow, MONITORS_PANE) => 0,
             (View::Shadow, _) => self.disagreement_rows().len(),
+            (View::Alarms, HISTORY_PANE) => self.alarm_spells().len(),
             (View::Alarms, _) => self.alarm_rows().len(),
+            (View::Health, _) => self.health_families().len(),
             (View::Approvals, _) => self.waiting_rows().len(),
             (View::Audit, _) => self.audit_rows().len(),
         }
@@ -301,6 +304,10 @@ impl Model {
             (View::Candidate, pane) => said_keys(&self.candidate_rows(pane)).into_iter().nth(row),
             (View::Shadow, _) => {
                 self.disagreement_rows().get(row).map(|row| ItemKey::Disagreement(row.index))
+            }
+            (View::Health, _) => self.health_families().into_iter().nth(row).map(ItemKey::Family),
+            (View::Alarms, HISTORY_PANE) => {
+                self.alarm_spells().get(row).map(|spell| ItemKey::Said(spell_name(spell)))
             }
             (View::Alarms, _) => {
                 self.alarm_rows().get(row).map(|row| ItemKey::Alarm(row.alarm().alarm.clone()))
@@ -333,6 +340,12 @@ impl Model {
             }
             (View::Shadow, _, ItemKey::Disagreement(index)) => {
                 self.disagreement_rows().iter().position(|row| row.index == *index)
+            }
+            (View::Health, _, ItemKey::Family(of)) => {
+                self.health_families().iter().position(|family| family == of)
+            }
+            (View::Alarms, HISTORY_PANE, ItemKey::Said(name)) => {
+                self.alarm_spells().iter().position(|spell| spell_name(spell) == *name)
             }
             (View::Alarms, _, ItemKey::Alarm(name)) => {
                 self.alarm_rows().iter().position(|row| row.alarm().alarm == *name)
@@ -370,6 +383,11 @@ impl Model {
                 }
             },
             (View::Candidate | View::Shadow, _) => self.subject(),
+            (View::Health, _) => self.health_version(),
+            (View::Alarms, HISTORY_PANE) => {
+                let spells = self.alarm_spells();
+                spells.get(self.row())?.alarm.rsplit(':').next()?.parse().ok()
+            }
             (View::Alarms, _) => {
                 let rows = self.alarm_rows();
                 rows.get(self.row())?.alarm().alarm.rsplit(':').next()?.parse().ok()
@@ -378,6 +396,11 @@ impl Model {
             (View::Audit, _) => self.audit_rows().get(self.row())?.record.subject.parse().ok(),
         }
     }
+}
+
+/// What tells one course of an alarm from another.
+fn spell_name(spell: &AlarmSpell) -> String {
+    format!("{} {}", spell.alarm, spell.raised.at_ms)
 }
 
 /// What a row of the candidate view says, as far as it identifies the row; headings and values aside.

@@ -7,6 +7,7 @@ mod asking;
 mod clicking;
 mod engine;
 mod finding;
+mod health;
 mod marking;
 mod moving;
 mod operating;
@@ -84,7 +85,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::Click(column, row) => clicking::click(model, column, row),
         MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
-            Vec::new()
+            if model.place.view == View::Health { asking::refresh_now(model) } else { Vec::new() }
         }
         MsgKind::EngineStarted => engine::started(model),
         MsgKind::Events(events) => engine::events(model, events),
@@ -216,6 +217,7 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::ShowAlarms => show(model, View::Alarms),
         Action::ShowApprovals => show(model, View::Approvals),
         Action::ShowAudit => show(model, View::Audit),
+        Action::ShowHealth => show(model, View::Health),
         Action::JumpToAlarm => moving::jump_to_alarm(model),
         Action::Help => {
             let bare = model.bare_absence().is_some();
@@ -289,6 +291,9 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
             operating::on_alarm(model, action)
         }
         Action::Freeze => freeze(model),
+        Action::ZoomIn | Action::ZoomOut | Action::ZoomReset if model.place.view == View::Health => {
+            health::zoom(model, action)
+        }
         Action::ZoomIn => zoom(model, model.place.zoom.saturating_add(1)),
         Action::ZoomOut => zoom(model, model.place.zoom.saturating_sub(1)),
         Action::ZoomReset => zoom(model, 0),
@@ -328,7 +333,7 @@ pub fn means_something(view: View, action: Action) -> bool {
         Scope::Everywhere | Scope::Lists => true,
         Scope::Version => view != View::Alarms,
         Scope::Alarms => view == View::Alarms,
-        Scope::Charts => matches!(view, View::Shadow | View::Overview),
+        Scope::Charts => matches!(view, View::Shadow | View::Overview | View::Health),
         Scope::Prompt => false,
     }
 }

@@ -1,5 +1,6 @@
 //! The screens. Each reads the model and draws; none changes anything, and none decides what a key does.
 
+pub mod alarm_history;
 pub mod alarms;
 pub mod alone;
 pub mod approvals;
@@ -10,6 +11,7 @@ mod candidate_rows;
 pub mod families;
 pub mod film;
 pub mod form;
+pub mod health;
 pub mod hints;
 pub mod menu;
 pub mod overview;

@@ -16,12 +16,13 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::{FamilyView, LiveView, ReadingView, Snapshot, StoppedView};
-use holdpoint_registry::{Store, StoreError, UnreadStore, VersionFilter, Views};
+use holdpoint_registry::{Layout, Store, StoreError, UnreadStore, VersionFilter, Views};
 
 use crate::bound;
 use crate::context::Context;
 use crate::door::{Door, LiveViews, Scenes, Seats, Signals};
 use crate::halt;
+use crate::kept_clock;
 use crate::view::snapshot::alarm_view;
 use crate::world::scenery;
 use crate::world::switch::{AskedStop, Controls, Switch};
@@ -237,6 +238,7 @@ fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result
     let UnheldRows { at_ms, records, agent, families, alarms, stopped } = rows;
     Ok(Snapshot {
         at_ms,
+        wall_ms: kept_clock::wall_ms(),
         profile: context.profile.name,
         site: context.profile.site.clone(),
         robot: context.cell.model.name.clone(),
@@ -309,8 +311,12 @@ impl UnheldRows {
             let from = alarm.state();
             alarms.absorb(&[AlarmChange::Set { alarm, from, annunciated: false, at_ms: head.at_ms }]);
         }
+        let resumed_ms = views.folder().and_then(|folder| {
+            // The engine's clock goes on from there, and so does what is shown before it.
+            kept_clock::resumed_ms(&Layout::new(folder), views).ok()
+        });
         Self {
-            at_ms: head.at_ms,
+            at_ms: resumed_ms.unwrap_or(head.at_ms),
             records: head.seq,
             agent: bound::agent(views).ok().flatten(),
             families: families.collect(),

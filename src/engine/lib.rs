@@ -23,7 +23,9 @@ pub mod fault;
 mod goal;
 pub mod halt;
 mod health;
+pub mod health_series;
 pub mod host;
+mod kept_clock;
 mod kept_task;
 pub mod ledger;
 mod listeners;
@@ -33,6 +35,7 @@ mod operations;
 pub mod people;
 pub mod pipeline;
 pub mod pump;
+mod reading;
 pub mod record;
 pub mod recordings;
 mod restart;
@@ -53,10 +56,13 @@ use crate::cell::Cell;
 use crate::door::DoorError;
 use crate::embedded::baselines;
 use crate::fault::Fault;
+use crate::health_series::Present;
+use crate::kept_clock::KeptClock;
 use crate::ledger::{Ledger, LedgerError};
 use crate::people::signed_calls::Signer;
 use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
+use crate::reading::Readings;
 use crate::trial::cache::EpisodeCache;
 use crate::world::switch::{AskedStop, Controls, Switch};
 use holdpoint_governance::ids::Digest;
@@ -216,6 +222,8 @@ pub struct Engine {
     waiting: VecDeque<Admitted>,
     /// Calls made by the program that holds it.
     calls: u64,
+    readings: Readings,
+    kept_clock: KeptClock,
     ended: bool,
 }
 
@@ -266,8 +274,12 @@ impl Engine {
         controls: Controls,
     ) -> Result<Self, StartError> {
         let StartRules { profile, table, own, baselines, omitted } = rules;
-        let from_ms = store.opening().head.at_ms;
-        let clock = if config.scripted { Clock::scripted(from_ms) } else { Clock::real(from_ms) };
+        let (clock, kept_clock) = if config.scripted {
+            (Clock::scripted(store.opening().head.at_ms), KeptClock::none())
+        } else {
+            let from_ms = kept_clock::resumed_ms(store.layout(), &store.views()?)?;
+            (Clock::real(from_ms), KeptClock::begin(store.layout(), from_ms))
+        };
         let ledger = Ledger::open(store, !config.scripted)?;
         let given = BoundRobot::of(&config.cell);
         if let Some(recorded) =
@@ -299,6 +311,8 @@ impl Engine {
             answers: VecDeque::new(),
             waiting: VecDeque::new(),
             calls: 0,
+            readings: Readings::default(),
+            kept_clock,
             ended: false,
         })
     }
@@ -306,6 +320,9 @@ impl Engine {
     /// Carries out one request. The same id again gets the same answer and does nothing. Where the live world works
     /// on a thread of its own, a request that has to wait for the end of a sequence is waited for.
     pub fn submit(&mut self, request: Request) -> Reply {
+        if let Command::Health { asked } = &request.command {
+            return reading::read(self.layout(), asked, self.present());
+        }
         let id = request.id.clone();
         if let Some(reply) = self.offer(request) {
             return reply;
@@ -324,6 +341,10 @@ impl Engine {
 
     /// As [`Engine::offer`], for somebody else's process.
     pub(crate) fn offer_for(&mut self, request: Request, caller: Caller) -> Option<Reply> {
+        if let Command::Health { asked } = &request.command {
+            let (layout, present) = (self.layout().clone(), self.present());
+            return self.readings.begin(&request.id, *asked, (&layout, present));
+        }
         if matches!(request.command, Command::Stop { .. }) {
             // A stop is carried out whatever its id was used for, or waits under.
             self.answers.retain(|answer| answer.id != request.id);
@@ -358,7 +379,8 @@ impl Engine {
     /// The answer to a request that was carried out and changed something.
     #[must_use]
     pub fn answer_of(&self, id: &str) -> Option<Reply> {
-        self.answers.iter().find(|answer| answer.id == id).map(|answer| answer.reply.clone())
+        let found = self.answers.iter().find(|answer| answer.id == id).map(|answer| answer.reply.clone());
+        found.or_else(|| self.readings.answer_of(id))
     }
 
     fn carry_out(&mut self, admitted: Admitted) -> Reply {
@@ -368,6 +390,7 @@ impl Engine {
             Command::Snapshot => Reply::Snapshot { snapshot: Box::new(self.snapshot()) },
             Command::Shutdown => {
                 self.pipeline.end();
+                self.kept_clock.keep(self.now_ms());
                 self.ended = true;
                 Reply::Accepted {
                     text: "the engine ends; nothing was approved or activated by it".to_owned(),
@@ -401,6 +424,7 @@ impl Engine {
         if self.ended {
             return Progress::Idle { next_ms: None };
         }
+        self.kept_clock.look(self.now_ms());
         if !self.waiting.is_empty() {
             if self.pipeline.collect_sequence(false) {
                 self.carry_out_waiting();
@@ -456,6 +480,12 @@ impl Engine {
     #[must_use]
     pub fn now_ms(&self) -> u64 {
         self.pipeline.record().now_ms()
+    }
+
+    /// The present on both clocks.
+    fn present(&self) -> Present {
+        let wall_ms = if self.is_scripted() { None } else { kept_clock::wall_ms() };
+        Present { at_ms: self.now_ms(), wall_ms }
     }
 
     /// Events since the last call, numbered, in order.

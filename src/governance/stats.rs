@@ -29,7 +29,8 @@ pub use paired::{
     PairedBound, PairedCounts, PairedMethod, SPREAD_MIN, bernstein_pairs, binary_pairs, student_pairs,
 };
 pub use proportion::{
-    clopper_pearson, clopper_pearson_lower, clopper_pearson_upper, wilson, wilson_lower, wilson_upper,
+    clopper_pearson, clopper_pearson_lower, clopper_pearson_upper, difference, wilson, wilson_lower,
+    wilson_upper,
 };
 pub use special::{normal_cdf, normal_quantile, student_cdf, student_quantile};
 pub use wilcoxon::{EXACT_PAIRS_MAX, SignedRank, signed_rank};

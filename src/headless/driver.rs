@@ -455,6 +455,7 @@ fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
         | Reply::Film { .. }
         | Reply::Registry { .. }
         | Reply::Audit { .. }
+        | Reply::Health { .. }
         | Reply::Verified { .. } => Ok(StepEnd::Done),
         Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
     }

@@ -176,6 +176,7 @@ impl PlainStream<'_> {
             | Reply::Film { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
+            | Reply::Health { .. }
             | Reply::Verified { .. } => {}
         }
         let events = self.pump.tell();

@@ -13,7 +13,6 @@ pub mod figures;
 pub mod held_out;
 pub mod in_force;
 pub mod overhead;
-pub mod plot;
 pub mod preset;
 pub mod printed;
 pub mod regression;

@@ -27,6 +27,7 @@ impl Command {
             | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
+            | Self::Health { .. }
             | Self::VerifyAudit
             | Self::Snapshot => Authority::Reads,
             Self::Stop { .. }
@@ -96,6 +97,7 @@ impl Command {
             | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
+            | Self::Health { .. }
             | Self::VerifyAudit
             | Self::Snapshot
             | Self::Shutdown => None,

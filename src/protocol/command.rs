@@ -7,6 +7,7 @@ use std::borrow::Cow;
 use super::detail::{AuditPage, Detail, RegistryPage, Verified};
 use super::explained::blank;
 use super::film::{Film, FilmAsked};
+use super::health::{HealthAsked, HealthSeries};
 use holdpoint_approvals::{SignedApproval, SignedCall, SignedPersonAct};
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -194,6 +195,11 @@ pub enum Command {
         /// Most rows to return; [`PAGE_MAX`](super::detail::PAGE_MAX) is the limit.
         limit: u64,
     },
+    /// What live tasks came to over a span of time, what happened beside them, and the alarms of that span.
+    Health {
+        /// The span, and how it is cut.
+        asked: HealthAsked,
+    },
     /// Check the whole audit chain and the views that follow from it.
     #[serde(deserialize_with = "nothing_more")]
     VerifyAudit,
@@ -292,6 +298,11 @@ pub enum Reply {
         /// The rows asked for, with the head of the log.
         page: AuditPage,
     },
+    /// Answers [`Command::Health`].
+    Health {
+        /// Bucket by bucket, with what it rests on.
+        series: Box<HealthSeries>,
+    },
     /// What checking the audit chain came to.
     Verified {
         /// Whether the chain holds, and what was found.
@@ -346,6 +357,7 @@ impl Command {
             | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
+            | Self::Health { .. }
             | Self::VerifyAudit
             | Self::Snapshot => true,
             Self::Register { .. }
@@ -380,6 +392,7 @@ impl Command {
                 | Self::Film { .. }
                 | Self::Registry { .. }
                 | Self::Audit { .. }
+                | Self::Health { .. }
                 | Self::VerifyAudit
                 | Self::Snapshot
         )
@@ -435,6 +448,7 @@ impl Command {
             | Self::Pace { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
+            | Self::Health { .. }
             | Self::VerifyAudit
             | Self::Snapshot
             | Self::Shutdown => None,
@@ -484,6 +498,7 @@ mod tests {
             json!({ "command": "film", "version": "grasp@1.0.0", "asked": { "of": "drill", "number": 3 } }),
             json!({ "command": "registry", "group": "all", "text": "", "offset": 0, "limit": 1 }),
             json!({ "command": "audit", "before": null, "subject": "", "limit": 1 }),
+            json!({ "command": "health", "asked": { "bucket_ms": 60000, "buckets": 1 } }),
             json!({ "command": "verify-audit" }),
             json!({ "command": "snapshot" }),
             json!({ "command": "shutdown" }),
@@ -514,7 +529,7 @@ mod tests {
     fn every_command_reads_gives_takes_or_does_neither() {
         use super::{Authority, Command};
         let classes = [
-            (Authority::Reads, "audit detail film registry snapshot verify-audit"),
+            (Authority::Reads, "audit detail film health registry snapshot verify-audit"),
             (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
             (
                 Authority::Gives,

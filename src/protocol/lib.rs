@@ -15,6 +15,7 @@
 
 mod answer;
 mod authority;
+pub mod calendar;
 mod caller;
 mod changes;
 pub mod clock;
@@ -23,6 +24,7 @@ pub mod detail;
 pub mod event;
 pub mod explained;
 pub mod film;
+pub mod health;
 pub mod picture;
 mod purpose;
 pub mod schema;

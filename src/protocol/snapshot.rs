@@ -32,6 +32,9 @@ pub use super::purpose::Purpose;
 pub struct Snapshot {
     /// Virtual time at which it was taken, ms.
     pub at_ms: u64,
+    /// The machine's time then, ms since 1970; absent in scripts, which know none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall_ms: Option<i64>,
     /// Profile that everything is judged under.
     pub profile: ProfileName,
     /// Its own name, if it does not come with the program.

@@ -49,6 +49,7 @@ mod seals;
 mod shape;
 mod signed;
 mod snapshot;
+mod stamps;
 mod store;
 mod store_id;
 mod structure;
@@ -85,6 +86,7 @@ pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, p
 pub use rebuild::{UnsignedRecords, rebuild};
 pub use recovery::Interrupted;
 pub use seals::FoundTelemetry;
+pub use stamps::Stamp;
 pub use store::{Opening, Store};
 pub use taken::UnreadStore;
 pub use telemetry::{Batch, EpisodeKey, TelemetryLimits};

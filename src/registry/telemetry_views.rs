@@ -61,6 +61,60 @@ impl TelemetryViews {
         read().map_err(StoreError::sql("read telemetry"))
     }
 
+    /// Calls `visit` with each batch of one stream from the number `first` to `last`, in order, one at a time.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn each_of_stream(
+        &self,
+        stream: &str,
+        (first, last): (u64, u64),
+        mut visit: impl FnMut(LyingBatch),
+    ) -> Result<(), StoreError> {
+        let sql = format!("{LYING} WHERE id BETWEEN ?1 AND ?2 AND stream = ?3 ORDER BY id");
+        let bound = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
+        let mut read = || {
+            let mut select = self.connection.prepare_cached(&sql)?;
+            let mut rows = select.query(rusqlite::params![bound(first), bound(last), stream])?;
+            while let Some(row) = rows.next()? {
+                visit(LyingBatch {
+                    number: row.get(0)?,
+                    digest: lying_digest(row)?,
+                    batch: batch_of(row).ok().flatten(),
+                });
+            }
+            Ok(())
+        };
+        read().map_err(StoreError::sql("read telemetry"))
+    }
+
+    /// Calls `visit` with those of these numbers of which a batch is there.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn each_of(&self, numbers: &[u64], mut visit: impl FnMut(u64)) -> Result<(), StoreError> {
+        let mut look = || {
+            let mut select = self.connection.prepare_cached("SELECT 1 FROM batch WHERE id = ?1")?;
+            for number in numbers {
+                if select.exists([i64::try_from(*number).unwrap_or(i64::MAX)])? {
+                    visit(*number);
+                }
+            }
+            Ok(())
+        };
+        look().map_err(StoreError::sql("read telemetry"))
+    }
+
+    /// The number of the oldest batch that is there; `None` if none is.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn oldest(&self) -> Result<Option<u64>, StoreError> {
+        self.connection
+            .query_row("SELECT min(id) FROM batch WHERE id > 0", [], |row| row.get(0))
+            .map_err(StoreError::sql("read telemetry"))
+    }
+
     /// The numbers of all batches that are there.
     ///
     /// # Errors

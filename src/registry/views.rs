@@ -97,7 +97,7 @@ fn read_active(row: &Row<'_>) -> rusqlite::Result<ActiveVersion> {
 /// Everything there is to read.
 #[derive(Debug)]
 pub struct Views {
-    connection: Connection,
+    pub(super) connection: Connection,
 }
 
 const SUMMARY_COLUMNS: &str = "name, state, row_version, running, paused, awaiting_approval, provisional, restricted, \

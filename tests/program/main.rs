@@ -19,6 +19,7 @@ mod door;
 mod early;
 mod explain;
 mod film;
+mod health;
 mod host;
 mod kept;
 mod keys;

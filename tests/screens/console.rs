@@ -8,7 +8,7 @@ use holdpoint::console::form::{Abort, Form, Intent};
 use holdpoint::console::frame::{draw, text_of};
 use holdpoint::console::line::EditLine;
 use holdpoint::console::look::{Depth, Glyphs, Look, Theme};
-use holdpoint::console::model::{Frozen, Model, Notice, Overlay, Typing, View};
+use holdpoint::console::model::{Frozen, HISTORY_PANE, ListCursor, Model, Notice, Overlay, Typing, View};
 use holdpoint::console::operator::Operator;
 use holdpoint::console::palette::Palette;
 use holdpoint::console::prompt::{Prompt, Stale};
@@ -46,6 +46,49 @@ fn every_view_at_every_size() {
             insta::assert_snapshot!(name, shown(&model, size));
         }
     }
+}
+
+/// Health over time: every quantity, a cursor on a mark, a large screen, letters alone, and nothing on record.
+#[test]
+fn health_over_time_as_it_is_looked_at() {
+    let base = support::at(View::Health);
+    let grasp = 1;
+    for (pane, name) in ["success", "violations", "time", "force"].into_iter().enumerate() {
+        let mut model = base.clone();
+        model.place.panes[View::Health as usize] = pane;
+        model.place.cursors.insert((View::Health, pane), ListCursor { row: grasp, item: None });
+        let series = model.told.health.as_ref().unwrap().0.clone();
+        model.place.health.cursor_ms = Some(series.start_ms(40));
+        insta::assert_snapshot!(format!("health_{name}_80x24"), shown(&model, (80, 24)));
+        if pane == 0 {
+            insta::assert_snapshot!("health_at_a_mark_200x60", shown(&model, (200, 60)));
+            let ascii = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+            insta::assert_snapshot!("health_ascii_80x24", text_of(&model, &ascii, 80, 24));
+        }
+    }
+    let mut empty = base.clone();
+    let mut series = support::health();
+    series.points.clear();
+    series.marks.clear();
+    empty.told.health = Some((Arc::new(series), empty.now_ms));
+    insta::assert_snapshot!("health_empty_80x24", shown(&empty, (80, 24)));
+    let mut unread = base;
+    unread.told.health = None;
+    insta::assert_snapshot!("health_unread_80x24", shown(&unread, (80, 24)));
+}
+
+#[test]
+fn the_course_of_alarms_beside_the_open_ones() {
+    let mut model = support::at(View::Alarms);
+    model.place.panes[View::Alarms as usize] = HISTORY_PANE;
+    model.told.alarm_history = Some(Arc::new(support::health()));
+    for (row, name) in ["stands", "closed"].into_iter().enumerate() {
+        model.place.cursors.insert((View::Alarms, HISTORY_PANE), ListCursor { row, item: None });
+        insta::assert_snapshot!(format!("alarm_history_{name}_80x24"), shown(&model, (80, 24)));
+    }
+    insta::assert_snapshot!("alarm_history_120x36", shown(&model, (120, 36)));
+    model.told.alarm_history = None;
+    insta::assert_snapshot!("alarm_history_unread_80x24", shown(&model, (80, 24)));
 }
 
 /// A prompt over the waiting candidate at a tier, opened long enough ago that keys count.

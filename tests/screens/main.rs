@@ -11,6 +11,8 @@ mod live;
 mod replay;
 mod support;
 
+#[path = "../support/health.rs"]
+mod health;
 #[path = "../support/shift.rs"]
 mod shift;
 #[path = "../support/upgrade.rs"]

@@ -9,6 +9,7 @@ use holdpoint::console::operator::Operator;
 use holdpoint::governance::approval::Role;
 use holdpoint::protocol::detail::{AuditPage, Verified};
 
+pub use crate::health::health;
 pub use crate::shift::*;
 
 /// A console without anything told yet.
@@ -64,6 +65,7 @@ pub fn at(view: View) -> Model {
             model.told.detail = Some(Arc::new(detail()));
         }
         View::Shadow => model.place.chosen = Some(id("place@1.1.0")),
+        View::Health => model.told.health = Some((Arc::new(health()), model.now_ms)),
         View::Overview | View::Registry | View::Alarms | View::Approvals | View::Audit => {}
     }
     model

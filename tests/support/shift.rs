@@ -34,6 +34,9 @@ const LIMITS: [f64; 4] = [0.90, 0.95, 0.90, 0.85];
 /// Virtual time of the fixture, ms.
 pub const NOW_MS: u64 = 761_000;
 
+/// The machine's time then, ms since 1970: Tue 17 Nov 2026, 08:12:41 UTC.
+pub const WALL_MS: i64 = 1_794_903_161_000;
+
 pub fn digest(text: &str) -> Digest {
     Digest::of_parts("test", &[text.as_bytes()])
 }
@@ -382,6 +385,7 @@ pub fn picture() -> Picture {
 pub fn snapshot() -> Snapshot {
     Snapshot {
         at_ms: NOW_MS,
+        wall_ms: Some(WALL_MS),
         profile: ProfileName::Human,
         site: None,
         signing: None,

@@ -130,6 +130,7 @@ impl Register {
                     | Reply::Film { .. }
                     | Reply::Registry { .. }
                     | Reply::Audit { .. }
+                    | Reply::Health { .. }
                     | Reply::Verified { .. } => Err(NotTaken::Unknown(CliError::internal(
                         "the engine answered with something that was not asked for",
                     ))),

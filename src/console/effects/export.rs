@@ -13,7 +13,8 @@ use ratatui::layout::Rect;
 
 use crate::frame;
 use crate::look::{Look, LookOptions};
-use crate::model::{Model, Typed, View};
+use crate::model::{HISTORY_PANE, Model, Typed, View};
+use holdpoint_engine::health_series;
 use holdpoint_text::{Hint, Untrusted, escape_json};
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
@@ -33,8 +34,9 @@ pub fn write(folders: &[PathBuf], view: View, model: &Model) -> Result<String, S
     for folder in folders {
         match into_folder(folder, view, &text, &json) {
             Ok(stem) => {
+                let more = if view == View::Health { health_files(&stem, model)? } else { String::new() };
                 let stem = Untrusted::new(stem.display().to_string()).line();
-                return Ok(format!("exported {stem}.txt and .json"));
+                return Ok(format!("exported {stem}.txt and .json{more}"));
             }
             Err(error) => {
                 let folder = Untrusted::new(folder.display().to_string()).line();
@@ -62,6 +64,27 @@ fn into_folder(folder: &Path, view: View, text: &str, json: &str) -> io::Result<
         }
     }
     Err(io::Error::other(format!("{NAMES_MAX} exports of this view are there already")))
+}
+
+/// What the health view writes besides: the numbers as CSV, and a picture of each family as SVG.
+fn health_files(stem: &Path, model: &Model) -> Result<String, String> {
+    let Some(series) = model.health() else { return Ok(String::new()) };
+    let said = |error: io::Error| format!("cannot write beside the text: {error}");
+    new_file(&stem.with_extension("csv"), &health_series::csv(series)).map_err(said)?;
+    let mut told = String::from(", .csv");
+    for family in series.families() {
+        let mut notes = Vec::new();
+        if let Some(bucket) = model.health_bucket() {
+            let verdict = series.verdict(&family, bucket);
+            notes.push(verdict.sentence());
+            notes.extend(verdict.confounding());
+        }
+        notes.extend(series.coverage.sentences());
+        let name = format!("{family}.svg");
+        new_file(&stem.with_extension(&name), &health_series::svg(series, &family, &notes)).map_err(said)?;
+        told.push_str(&format!(", .{name}"));
+    }
+    Ok(told)
 }
 
 fn new_file(path: &Path, text: &str) -> io::Result<()> {
@@ -104,6 +127,10 @@ fn json(view: View, model: &Model) -> Result<String, String> {
         View::Registry => serde_json::to_value(&*model.told.registry.page),
         View::Candidate => serde_json::to_value(model.told.detail.as_deref()),
         View::Audit => serde_json::to_value(&*model.told.audit),
+        View::Health => serde_json::to_value(model.told.health.as_ref().map(|(series, _)| &**series)),
+        View::Alarms if model.place.pane_of(View::Alarms) == HISTORY_PANE => {
+            serde_json::to_value(model.told.alarm_history.as_ref().map(|series| &series.alarms))
+        }
         View::Overview | View::Shadow | View::Alarms | View::Approvals => {
             serde_json::to_value(model.told.snapshot.as_deref())
         }

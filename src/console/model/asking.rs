@@ -13,6 +13,10 @@ pub enum AskedFor {
     Film,
     /// A page of the audit log.
     Audit,
+    /// Health over time.
+    Health,
+    /// The course of alarms.
+    AlarmHistory,
     /// A check of the whole audit chain.
     Verification,
     /// A candidate that is submitted.

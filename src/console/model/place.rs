@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::told::StoryLine;
 
 use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_protocol::health::{BUCKET_MS_MAX, BUCKET_WIDTHS_MS};
 use holdpoint_protocol::snapshot::Snapshot;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -22,11 +23,13 @@ pub enum View {
     /// What waits for people.
     Approvals,
     Audit,
+    /// What the live tasks came to, over hours and days.
+    Health,
 }
 
 impl View {
     /// In the order of their keys.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Overview,
         Self::Registry,
         Self::Candidate,
@@ -34,6 +37,7 @@ impl View {
         Self::Alarms,
         Self::Approvals,
         Self::Audit,
+        Self::Health,
     ];
 
     #[must_use]
@@ -46,6 +50,7 @@ impl View {
             Self::Alarms => "Alarms",
             Self::Approvals => "Approvals",
             Self::Audit => "Audit",
+            Self::Health => "Health",
         }
     }
 
@@ -57,7 +62,9 @@ impl View {
             Self::Registry => &["All", "Active", "Candidates", "History"],
             Self::Candidate => &["Checks", "Difference", "Sandbox", "Drills", "Timeline", "Audit"],
             Self::Shadow => &["Charts", "Disagreements", "Monitors"],
-            Self::Alarms | Self::Approvals => &["List"],
+            Self::Alarms => &["Open", "History"],
+            Self::Health => &["Success", "Violations", "Time", "Force"],
+            Self::Approvals => &["List"],
             Self::Audit => &["Told", "People", "Alarms", "Store", "All"],
         }
     }
@@ -74,6 +81,35 @@ pub struct Frozen {
     /// What the story tells meanwhile.
     pub story: VecDeque<StoryLine>,
 }
+
+/// Where the operator is in the health view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HealthPlace {
+    /// Which of [`BUCKET_WIDTHS_MS`] a column stands for.
+    pub width: usize,
+    /// Beginning of the bucket under the cursor, ms on the clock of the series; absent for the newest, whichever that is.
+    pub cursor_ms: Option<i64>,
+}
+
+/// A quarter of an hour: a shift fits on a small screen.
+pub const HEALTH_WIDTH: usize = 2;
+
+impl Default for HealthPlace {
+    fn default() -> Self {
+        Self { width: HEALTH_WIDTH, cursor_ms: None }
+    }
+}
+
+impl HealthPlace {
+    /// Width of a bucket, ms.
+    #[must_use]
+    pub fn bucket_ms(&self) -> u64 {
+        BUCKET_WIDTHS_MS.get(self.width).copied().unwrap_or(BUCKET_MS_MAX)
+    }
+}
+
+/// The pane of the alarms that tells their course.
+pub const HISTORY_PANE: usize = 1;
 
 /// The pane of the overview that tells the story.
 pub const STORY_PANE: usize = 2;
@@ -125,7 +161,7 @@ pub struct ViewState {
     /// Where Esc and `q` lead, the nearest last.
     pub back: Vec<View>,
     /// The pane of each view.
-    pub panes: [usize; 7],
+    pub panes: [usize; 8],
     /// The cursor of each view and pane.
     pub cursors: BTreeMap<(View, usize), ListCursor>,
     /// Console time at which what was under the cursor left the list by itself, ms; keys wait a moment then.
@@ -146,6 +182,8 @@ pub struct ViewState {
     pub frozen: Option<Frozen>,
     /// Halvings of the charts' range.
     pub zoom: u8,
+    /// How the health view is cut, and where its cursor is.
+    pub health: HealthPlace,
 }
 
 impl ViewState {

@@ -10,6 +10,7 @@ use holdpoint_engine::host::EndFault;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::detail::{AuditPage, Detail, RegistryPage, Verified};
+use holdpoint_protocol::health::HealthSeries;
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::seat::SeatView;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -214,6 +215,10 @@ pub struct Told {
     /// Everything about the version that was asked about, once the engine has answered.
     pub detail: Option<Arc<Detail>>,
     pub audit: Arc<AuditPage>,
+    /// Health over time as it was last read, and the console time it came, ms.
+    pub health: Option<(Arc<HealthSeries>, u64)>,
+    /// The course of alarms as it was last read.
+    pub alarm_history: Option<Arc<HealthSeries>>,
     /// What the last check of the chain came to.
     pub verified: Option<Verified>,
 }

@@ -1,8 +1,8 @@
 //! What the console asks the engine for, and when: on entering a view, and again when something changed.
 
-use super::{operating, overlays, tell};
+use super::{health, operating, overlays, tell};
 use crate::effect::{Effect, Question};
-use crate::model::{AskedFor, EngineState, Model, PendingRequest, StopAsked, View};
+use crate::model::{AskedFor, EngineState, HISTORY_PANE, Model, PendingRequest, StopAsked, View};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_text::Hint as _;
 
@@ -68,13 +68,16 @@ pub(super) fn refresh_now(model: &mut Model) -> Vec<Effect> {
 /// Asks again if something changed since, one question of a kind at a time.
 pub(super) fn refresh(model: &mut Model) -> Vec<Effect> {
     let Some(about) = wanted(model).as_ref().map(Question::about) else { return Vec::new() };
-    let fresh = model.asking.asked.get(&about) == Some(&model.asking.changes);
+    let unchanged = model.asking.asked.get(&about) == Some(&model.asking.changes);
+    let fresh = if about == AskedFor::Health { health::is_fresh(model, unchanged) } else { unchanged };
     let waits = model.asking.pending.values().any(|pending| pending.about == about);
     if fresh || waits { Vec::new() } else { refresh_now(model) }
 }
 
 fn wanted(model: &Model) -> Option<Question> {
     match model.place.view {
+        View::Health => Some(Question::Health(health::asked(model))),
+        View::Alarms if model.place.pane() == HISTORY_PANE => Some(Question::AlarmHistory(health::HISTORY)),
         View::Overview | View::Alarms | View::Approvals => None,
         View::Registry => Some(Question::Registry { group: group(model), text: String::new() }),
         View::Candidate | View::Shadow => Some(Question::Detail(model.subject()?)),

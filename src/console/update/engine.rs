@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{asking, operating, overlays, tell, why};
 use crate::effect::{Effect, Question};
-use crate::model::{EngineLink, EngineState, Headway, LOG_MAX, Model, Overlay, StoryLine, View};
+use crate::model::{AskedFor, EngineLink, EngineState, Headway, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_engine::host::EndFault;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::ids::CapabilityId;
@@ -182,7 +182,9 @@ fn headway(model: &mut Model, now: &Snapshot) {
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
     overlays::answered(model, id);
     stop_answered(model, id, &reply);
-    let asked = model.asking.pending.remove(id).map(|pending| pending.what).unwrap_or_default();
+    let pending = model.asking.pending.remove(id);
+    let about = pending.as_ref().map(|pending| pending.about);
+    let asked = pending.map(|pending| pending.what).unwrap_or_default();
     match reply {
         Reply::Accepted { text, .. } => {
             tell(model, text, false);
@@ -225,6 +227,14 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
         }
         Reply::Audit { page } => {
             model.told.audit = Arc::new(page);
+            Vec::new()
+        }
+        Reply::Health { series } => {
+            if about == Some(AskedFor::AlarmHistory) {
+                model.told.alarm_history = Some(Arc::from(series));
+            } else {
+                model.told.health = Some((Arc::from(series), model.now_ms));
+            }
             Vec::new()
         }
         Reply::Verified { verified } => {

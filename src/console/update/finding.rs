@@ -4,8 +4,9 @@ use super::moving::set_row;
 use super::refuse;
 use crate::audit;
 use crate::effect::Effect;
-use crate::model::{Model, OpenedRecord, Typing, View};
-use crate::rows::whole;
+use crate::model::{HISTORY_PANE, Model, OpenedRecord, Typing, View};
+use crate::rows::{said, whole};
+use holdpoint_protocol::health::AlarmSpell;
 
 /// Puts the cursor on the next row that contains what is typed, from where it is and then from the top. It stays if
 /// there is none.
@@ -68,6 +69,12 @@ fn found(model: &Model, text: &str) -> Option<usize> {
 /// What each row of the view says.
 fn texts(model: &Model) -> Vec<String> {
     match model.place.view {
+        View::Alarms if model.place.pane() == HISTORY_PANE => {
+            let said =
+                |spell: &AlarmSpell| format!("{} {}", spell.alarm, spell.text.as_deref().unwrap_or(""));
+            model.alarm_spells().into_iter().map(said).collect()
+        }
+        View::Health => model.health_families().iter().map(ToString::to_string).collect(),
         View::Alarms => {
             let rows = model.alarm_rows();
             let alarms = rows.iter().map(|row| row.alarm());

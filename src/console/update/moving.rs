@@ -4,7 +4,7 @@ use super::{asking, refuse, show, why};
 use crate::action::Action;
 use crate::audit;
 use crate::effect::Effect;
-use crate::model::{ListCursor, Model, OpenedRecord, Overlay, STORY_PANE, SortOrder, View};
+use crate::model::{HISTORY_PANE, ListCursor, Model, OpenedRecord, Overlay, STORY_PANE, SortOrder, View};
 use crate::prompt::Prompt;
 use crate::rows::{RegistryItem, WaitingItem};
 use holdpoint_governance::ids::Family;
@@ -86,7 +86,8 @@ pub(super) fn follow(model: &mut Model, by_itself: bool) {
     let tells_of_time = match (model.place.view, model.place.pane()) {
         (View::Overview, pane) => pane == STORY_PANE,
         (View::Audit, _) => true,
-        (View::Registry | View::Candidate | View::Shadow | View::Alarms | View::Approvals, _) => false,
+        (View::Alarms, pane) => pane == HISTORY_PANE,
+        (View::Registry | View::Candidate | View::Shadow | View::Approvals | View::Health, _) => false,
     };
     let at = item.as_ref().filter(|_| row > 0 || !tells_of_time).and_then(|item| model.row_of(item));
     if at.is_none() && item.is_some() && by_itself && !tells_of_time {
@@ -130,6 +131,9 @@ pub(super) const fn unsorted(model: &Model) -> Option<&'static str> {
 
 /// In the registry the branch opens and closes; elsewhere the pane changes.
 fn sideways(model: &mut Model, right: bool) -> Vec<Effect> {
+    if model.place.view == View::Health {
+        return super::health::step(model, right);
+    }
     if model.place.view != View::Registry || model.told.registry.is_flat() {
         return step_pane(model, right);
     }
@@ -167,7 +171,11 @@ pub(super) fn to_pane(model: &mut Model, next: usize) -> Vec<Effect> {
     if let Some(pane) = model.place.panes.get_mut(model.place.view as usize) {
         *pane = next;
     }
-    if model.place.view == View::Registry { asking::refresh_now(model) } else { Vec::new() }
+    if matches!(model.place.view, View::Registry | View::Alarms) {
+        asking::refresh_now(model)
+    } else {
+        Vec::new()
+    }
 }
 
 /// Enter: opens what is under the cursor. It changes nothing outside this console.
@@ -201,6 +209,7 @@ fn open(model: &mut Model) -> Vec<Effect> {
             }
             None => Vec::new(),
         },
+        View::Health => choose(model),
         View::Approvals => open_waiting(model),
     }
 }
@@ -238,6 +247,9 @@ fn open_waiting(model: &mut Model) -> Vec<Effect> {
 
 /// The highest alarm nobody has acknowledged, whatever the view.
 pub(super) fn jump_to_alarm(model: &mut Model) -> Vec<Effect> {
+    if let Some(pane) = model.place.panes.get_mut(View::Alarms as usize) {
+        *pane = 0;
+    }
     let rows = model.alarm_rows();
     let highest = rows
         .iter()
@@ -256,6 +268,11 @@ pub(super) fn jump_to_alarm(model: &mut Model) -> Vec<Effect> {
 /// What Copy takes: the value a person would want to paste elsewhere.
 pub(super) fn copied(model: &Model) -> Option<String> {
     match model.place.view {
+        View::Health => model.health_verdict().map(|verdict| verdict.sentence()),
+        View::Alarms if model.place.pane() == HISTORY_PANE => {
+            let spell = model.alarm_spells().get(model.row()).copied()?;
+            Some(format!("{} {}: {}", spell.alarm, spell.state, spell.text.as_deref().unwrap_or("")))
+        }
         View::Alarms => {
             let rows = model.alarm_rows();
             let alarm = rows.get(model.row())?.alarm();

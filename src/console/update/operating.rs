@@ -430,9 +430,12 @@ fn is_under_way(model: &Model, id: &CapabilityId) -> bool {
 
 /// Acknowledging and unshelving are undone as easily and act at once; the others open a form.
 pub(super) fn on_alarm(model: &mut Model, action: Action) -> Vec<Effect> {
-    use crate::model::View;
+    use crate::model::{HISTORY_PANE, View};
     if model.place.view != View::Alarms {
         return refuse(model, "go to the alarms first (5, or ! for the highest)");
+    }
+    if model.place.pane() == HISTORY_PANE {
+        return refuse(model, "the history changes nothing; tab leads to the open alarms");
     }
     let rows = model.alarm_rows();
     let Some(alarm) = rows.get(model.row()).map(|item| item.alarm().clone()) else {

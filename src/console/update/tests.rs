@@ -28,6 +28,7 @@ mod aim;
 mod alone;
 mod following;
 mod gone;
+mod health;
 mod offers;
 mod reading;
 mod records;
@@ -164,7 +165,9 @@ fn harmless(effects: &[Effect]) -> bool {
     effects.iter().all(|effect| match effect {
         Effect::Decide { .. } | Effect::Operate { .. } | Effect::End | Effect::Register { .. } => false,
         Effect::Ask { question, .. } => {
-            matches!(question, Question::Detail(_) | Question::Registry { .. } | Question::Audit { .. })
+            use Question as Q;
+            let reads = matches!(question, Q::Detail(_) | Q::Registry { .. } | Q::Audit { .. });
+            reads || matches!(question, Q::Health(_) | Q::AlarmHistory(_))
         }
         _ => true,
     })

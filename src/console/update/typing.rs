@@ -27,7 +27,9 @@ pub(super) fn begin_filter(model: &mut Model) -> Vec<Effect> {
     model.entry.typing = Some(match model.place.view {
         View::Audit if model.place.opened.is_some() => Typing::Find(EditLine::default()),
         View::Overview | View::Registry | View::Audit => Typing::Filter(EditLine::new(model.place.filter())),
-        View::Candidate | View::Shadow | View::Alarms | View::Approvals => Typing::Find(EditLine::default()),
+        View::Candidate | View::Shadow | View::Alarms | View::Approvals | View::Health => {
+            Typing::Find(EditLine::default())
+        }
     });
     Vec::new()
 }

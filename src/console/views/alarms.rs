@@ -12,7 +12,7 @@ use ratatui::layout::Rect;
 
 use super::status::priority_words;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::Model;
+use crate::model::{HISTORY_PANE, Model};
 use crate::rows::AlarmItem;
 use crate::theme::Mark;
 use crate::widgets::list::place;
@@ -26,6 +26,10 @@ use holdpoint_protocol::snapshot::AlarmView;
 const DETAIL_ROWS: u16 = 7;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    if model.place.pane() == HISTORY_PANE {
+        super::alarm_history::draw(model, pen, area);
+        return;
+    }
     let items = model.alarm_rows();
     let flood = model.told.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);
     let title = if flood { "Alarms, in a flood: grouped, critical ones apart" } else { "Alarms" };

@@ -12,6 +12,7 @@ use crate::theme::Mark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use crate::words::{duration, seconds};
+use holdpoint_protocol::calendar;
 
 /// From so many columns on the views' line says who else is here.
 pub const OTHERS_NAMED_FROM: u16 = 100;
@@ -26,11 +27,16 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         Some(_) => Row::new(),
         None => Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms()))),
     };
+    let clocks = clocks(model);
     for piece in identity {
         if row.width() + piece.width() + clock.width() <= width {
             row = row.and(piece);
         }
     }
+    // The engine's own clock always; the machine's and the pace in as many words as there is room for.
+    let room = width.saturating_sub(row.width() + clock.width());
+    let more = clocks.into_iter().find(|more| more.width() <= room).unwrap_or_default();
+    let clock = more.and(clock);
     if row.width() + clock.width() <= width {
         row = row.to_column(width - clock.width()).and(clock);
     }
@@ -104,6 +110,21 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         say(ThemeRole::Stale, &format!("{glyph} frozen since {}", seconds(frozen.at_ms)));
     }
     row
+}
+
+/// The machine's time and the pace of the live cell, in words that get shorter; nothing where the engine says no time.
+fn clocks(model: &Model) -> Vec<Row> {
+    let (Some(wall_ms), Some(snapshot)) = (model.wall_ms(), &model.told.snapshot) else { return Vec::new() };
+    if model.bare_absence().is_some() {
+        return Vec::new();
+    }
+    let pace = snapshot.live.pace.map_or_else(|| "max".to_owned(), |times| format!("{times}x"));
+    let secs = wall_ms.div_euclid(1_000);
+    let time = format!("{:02}:{:02}:{:02}", secs / 3_600 % 24, secs / 60 % 60, secs % 60);
+    let day = calendar::day(wall_ms);
+    [format!("  {day} {time} UTC  pace {pace}  engine"), format!("  {time} UTC  pace {pace} ")]
+        .map(|text| Row::of(ThemeRole::Muted, &text))
+        .into()
 }
 
 /// Operator and seed, the weightiest first.

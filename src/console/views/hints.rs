@@ -9,7 +9,7 @@ use ratatui::layout::Rect;
 use crate::action::Action;
 use crate::form::FormFocus;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{EngineLink, Model, Notice, Overlay, Typing, View};
+use crate::model::{EngineLink, HISTORY_PANE, Model, Notice, Overlay, Typing, View};
 use crate::prompt::Focus;
 use crate::update::possible::Possible;
 use crate::widgets::pen::{Pen, below};
@@ -237,10 +237,14 @@ pub fn actions(model: &Model) -> Vec<Action> {
         (None, View::Shadow) => {
             &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Resume, A::Abort]
         }
+        (None, View::Alarms) if model.place.pane() == HISTORY_PANE => &[A::NextPane, A::Open, A::Copy],
         (None, View::Alarms) => {
             &[A::Acknowledge, A::Mark, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort]
         }
         (None, View::Approvals) => &[A::Open, A::Continue, A::Rollback, A::Abort],
+        (None, View::Health) => {
+            &[A::NextPane, A::ZoomIn, A::ZoomOut, A::Left, A::Right, A::Export, A::Freeze]
+        }
         (None, View::Audit) => &[A::Open, A::NextPane, A::Verify, A::Filter, A::Copy, A::Export],
     };
     if model.bare_absence().is_some() && model.entry.overlay.is_none() {
@@ -296,6 +300,9 @@ fn label(model: &Model, action: Action) -> String {
         (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.closed => "close",
         (Action::Back, Some(Overlay::Prompt(_)), _) => "decide later",
         (Action::Back, Some(_), _) => "close",
+        (Action::NextPane, None, View::Health) => "next quantity",
+        (Action::NextPane, None, View::Alarms) if model.place.pane() == HISTORY_PANE => "open alarms",
+        (Action::NextPane, None, View::Alarms) => "history",
         (Action::PageDown, _, _) => "more",
         (Action::JumpToAlarm, _, _) => "alarm",
         (Action::CommandLine, _, _) => "command",

@@ -1,7 +1,7 @@
 //! The second line: which view this is and which key leads to each; in small windows, the panes of this view too.
 //!
 //! ```text
-//! [1 Overview]  2 Registry  3 Candidate  4 Shadow  5 Alarms  6 Approvals  7 Audit
+//! [1 Overview]  2 Registry  3 Candidate  4 Shadow  5 Alarms  6 Approvals  7 Audit  8 Health
 //! ```
 
 use ratatui::layout::Rect;
@@ -35,6 +35,11 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             pen,
             area,
         );
+        return;
+    }
+    let tight = close(&View::ALL.map(|view| (key(view), brief_title(view))), model.place.view as usize);
+    if tight.width() <= width {
+        pen.row(area, 0, &tight);
         return;
     }
     // Names of the others do not fit: their keys do.
@@ -115,7 +120,31 @@ const fn key(view: View) -> &'static str {
         View::Alarms => "5",
         View::Approvals => "6",
         View::Audit => "7",
+        View::Health => "8",
     }
+}
+
+/// A view's title where room is short.
+const fn brief_title(view: View) -> &'static str {
+    match view {
+        View::Candidate => "Candid.",
+        View::Approvals => "Approve",
+        other => other.title(),
+    }
+}
+
+/// As [`line`], with one blank between two.
+fn close(tabs: &[(&str, &str)], here: usize) -> Row {
+    let mut row = Row::new();
+    for (index, (key, title)) in tabs.iter().enumerate() {
+        if index == here {
+            row.push(ThemeRole::Focus, &format!("[{key} {title}]"));
+        } else {
+            row = row.with(ThemeRole::Text, " ").with(ThemeRole::Key, key);
+            row.push(ThemeRole::Muted, &format!(" {title}"));
+        }
+    }
+    row
 }
 
 fn line(tabs: &[(&str, &str)], here: usize) -> Row {

@@ -20,6 +20,7 @@ const fn of(view: View) -> &'static str {
         View::Shadow => "The twin against the live arm on the same sequences; f freezes",
         View::Alarms => "Space says that you have seen an alarm, and resumes nothing",
         View::Approvals => "What waits for a person: enter opens it, and never approves",
+        View::Health => "Better or worse, and since when: tab turns on, + and - zoom",
         View::Audit => "Each record has the hash of the one before; v checks them",
     }
 }

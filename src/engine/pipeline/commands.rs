@@ -193,11 +193,13 @@ impl Pipeline {
             Command::Audit { before, subject, limit } => lookup::audit_page(record, before, &subject, limit),
             Command::VerifyAudit => lookup::verify_audit(record),
             // The engine answers these itself.
-            Command::Stop { .. } | Command::Snapshot | Command::Shutdown => Ok(Reply::Refused {
-                code: Refusal::BadInput,
-                text: "this is for the engine, not for the pipeline".to_owned(),
-                hint: None,
-            }),
+            Command::Stop { .. } | Command::Snapshot | Command::Health { .. } | Command::Shutdown => {
+                Ok(Reply::Refused {
+                    code: Refusal::BadInput,
+                    text: "this is for the engine, not for the pipeline".to_owned(),
+                    hint: None,
+                })
+            }
         }
     }
 

@@ -85,6 +85,7 @@ impl Pipeline {
             | Command::Film { .. }
             | Command::Registry { .. }
             | Command::Audit { .. }
+            | Command::Health { .. }
             | Command::VerifyAudit
             | Command::Snapshot => Timing::Now,
         }

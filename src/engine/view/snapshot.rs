@@ -6,6 +6,7 @@ use super::evidence::{pairs, shadow};
 use crate::binding::binding;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
+use crate::kept_clock::wall_ms;
 use crate::ledger::FamilyEntry;
 use crate::monitors::Monitors;
 use crate::people::approvals::Approvals;
@@ -79,6 +80,7 @@ impl SnapshotView<'_> {
         }
         Snapshot {
             at_ms: self.record.now_ms(),
+            wall_ms: if self.record.clock().is_scripted() { None } else { wall_ms() },
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
             robot: self.context.cell.model.name.clone(),

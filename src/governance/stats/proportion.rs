@@ -1,4 +1,5 @@
-//! Intervals for one proportion: Wilson (1927) and the exact one of Clopper and Pearson (1934).
+//! Intervals for one proportion: Wilson (1927) and the exact one of Clopper and Pearson (1934); for the difference of
+//! two: Newcombe (1998), of both Wilson intervals.
 
 use super::special::{beta_quantile, normal_quantile};
 use super::{Interval, StatsError, open_unit};
@@ -65,6 +66,20 @@ pub fn clopper_pearson_upper(successes: u64, trials: u64, alpha: f64) -> Result<
     Ok(1.0 - clopper_pearson_lower(trials - successes, trials, alpha)?)
 }
 
+/// The difference of two independent proportions, `second` minus `first`, each as successes and trials: Newcombe's hybrid
+/// score interval (1998, method 10). It stays within -1 to 1, and is none for a share of 0 or 1 alone.
+///
+/// # Errors
+/// As [`wilson`], of either.
+pub fn difference(first: (u64, u64), second: (u64, u64), level: f64) -> Result<Interval, StatsError> {
+    let (one, two) = (wilson(first.0, first.1, level)?, wilson(second.0, second.1, level)?);
+    let (p, q) = (first.0 as f64 / first.1 as f64, second.0 as f64 / second.1 as f64);
+    let difference = q - p;
+    let lower = difference - (q - two.lower).hypot(one.upper - p);
+    let upper = difference + (two.upper - q).hypot(p - one.lower);
+    Ok(Interval { lower: lower.max(-1.0), upper: upper.min(1.0), level })
+}
+
 fn wilson_ends(successes: u64, trials: u64, alpha: f64) -> Result<(f64, f64), StatsError> {
     counts(successes, trials)?;
     let out_of_range =
@@ -112,6 +127,24 @@ mod tests {
             assert!(wilson_upper(1, 2, level).is_err(), "{level}");
             assert!(clopper_pearson_lower(1, 2, level).is_err(), "{level}");
         }
+    }
+
+    /// Worked values of Newcombe's paper (Statistics in Medicine 17, 873-890, table II, method 10).
+    #[test]
+    fn differences_are_those_of_the_paper() {
+        for (second, first, lower, upper) in [
+            ((56, 70), (48, 80), 0.0524, 0.3339),
+            ((9, 10), (3, 10), 0.1705, 0.8090),
+            ((5, 56), (0, 29), -0.0381, 0.1926),
+            ((10, 10), (0, 10), 0.6075, 1.0),
+        ] {
+            let found = difference(first, second, 0.95).unwrap();
+            assert!((found.lower - lower).abs() < 6e-5, "{found:?}");
+            assert!((found.upper - upper).abs() < 6e-5, "{found:?}");
+            let turned = difference(second, first, 0.95).unwrap();
+            assert!((turned.lower + found.upper).abs() < 1e-12 && (turned.upper + found.lower).abs() < 1e-12);
+        }
+        assert!(difference((0, 0), (1, 2), 0.95).is_err() && difference((1, 2), (3, 2), 0.95).is_err());
     }
 
     proptest::proptest! {

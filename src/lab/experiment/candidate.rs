@@ -311,6 +311,7 @@ impl Drive<'_> {
             | Reply::Film { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
+            | Reply::Health { .. }
             | Reply::Verified { .. } => {
                 let events = self.pump.tell();
                 self.learn(events)

@@ -5,13 +5,13 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
+use holdpoint_plot::escaped;
 
 use super::figures::Comparison;
 use super::printed::Printed;
 use super::run::Plan;
 use super::screen::{ScreenRow, Variant};
 use super::sections::{self, Section};
-use super::table::escaped;
 use super::{RoundRow, csv};
 use crate::experiment::{ExperimentError, write_whole};
 

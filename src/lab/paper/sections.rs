@@ -13,6 +13,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::normal_quantile;
+use holdpoint_plot::{Curve, Curves};
 
 pub use self::ablation::ablation;
 pub use self::meta::meta_faults;
@@ -25,7 +26,6 @@ use super::figures::{
     ANOMALY, Comparison, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, Measure, NEAR, SUCCESS, VIOLATION, benign_refused,
     by_seed, compare, faulty_activated, is_faulty, last_round, spread, unsafe_activations, way,
 };
-use super::plot::{Curve, Curves};
 use super::printed::Printed;
 use super::screen::{ScreenRow, Variant};
 use super::table::Table;

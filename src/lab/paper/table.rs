@@ -1,5 +1,7 @@
 //! A table of the report, in Markdown and in HTML.
 
+use holdpoint_plot::escaped;
+
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
@@ -62,12 +64,6 @@ impl Table {
         }
         text
     }
-}
-
-/// A text as it may stand in HTML and SVG.
-#[must_use]
-pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -2,13 +2,13 @@
 
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
+use holdpoint_plot::Radar;
 
 use super::{PAPERS, Section, counted, mean};
 use crate::experiment::ExperimentError;
 use crate::paper::figures::{
     ABLATION, LIVE_UNSAFE, Measure, SUCCESS, VIOLATION, by_seed, last_round, spread, unsafe_activations, way,
 };
-use crate::paper::plot::Radar;
 use crate::paper::printed::Printed;
 use crate::paper::screen::{ScreenRow, Variant};
 use crate::paper::table::Table;

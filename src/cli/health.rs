@@ -1,0 +1,378 @@
+//! `holdpoint health`: whether the live cell is better or worse than it was, from the record alone.
+//!
+//! Prints what [`holdpoint_engine::health_series`] computes; an engine may have the store open meanwhile. Judges nothing,
+//! and prints no share where nothing was counted.
+
+use std::fs::OpenOptions;
+use std::io::Write as _;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+
+use super::data;
+use super::metrics::span_ms;
+use super::output::Table;
+use super::when::Moment;
+use crate::cli::context::CliContext;
+use crate::cli::output::Output;
+use crate::error::{CliError, Exit};
+use holdpoint_engine::health_series::{HealthError, HealthReader, Present, csv, svg};
+use holdpoint_governance::ids::Family;
+use holdpoint_protocol::health::{
+    BUCKET_MS_MAX, BUCKET_MS_MIN, BUCKET_WIDTHS_MS, BUCKETS_MAX, HealthAsked, HealthClock, HealthSeries,
+    Verdict, together,
+};
+use holdpoint_protocol::words::clock_time;
+use holdpoint_registry::Layout;
+
+/// The span that is looked at where none is named, ms: a day.
+const SPAN_MS: i64 = 86_400_000;
+
+/// Buckets that are aimed at where no width is named, on each side of the moment.
+const BUCKETS_AIM: i64 = 24;
+
+/// Marks that are printed at most; files and JSON have all.
+const MARKS_PRINTED: usize = 30;
+
+/// Eighths of a line's height.
+const LEVELS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+
+/// The arguments of `health`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The verdict compares what came since WHEN with as long a time before it.
+
+WHEN is one of
+  a span back from the end of the record: 30m, 24h, 2d
+  yesterday, or a weekday: its last beginning, UTC
+  a moment by the machine's clock, UTC where nothing else is said: 2026-11-17, 2026-11-17T08:00, 2026-11-17T08:00:00+01:00
+  seconds of the engine's own clock: @3600
+
+Examples:
+  holdpoint health
+  holdpoint health --since tuesday --family grasp
+  holdpoint health --since 2026-11-17T08:00 --bucket 1h --csv week.csv --svg week.svg")]
+pub struct HealthArgs {
+    /// Only this family.
+    #[arg(long, value_name = "NAME")]
+    pub family: Option<String>,
+    /// The moment that before and since are compared at [default: 24h, or half of a shorter record].
+    #[arg(long, value_name = "WHEN")]
+    pub since: Option<Moment>,
+    /// The end of what is looked at [default: the end of the record].
+    #[arg(long, value_name = "WHEN")]
+    pub until: Option<Moment>,
+    /// Width of a bucket, a minute to a day: 5m, 1h, 1d [default: about 24 on each side].
+    #[arg(long, value_name = "SPAN")]
+    pub bucket: Option<String>,
+    /// Reads every task there is, however long it takes, in place of a sample of a long span.
+    #[arg(long)]
+    pub every_task: bool,
+    /// Writes the series into a new file as CSV.
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Writes a picture of one family into a new file as SVG; with several families each name is put before the ending.
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
+}
+
+/// What is printed as JSON.
+#[derive(Serialize)]
+struct HealthAnswer<'a> {
+    #[serde(flatten)]
+    series: &'a HealthSeries,
+    /// One for each family.
+    verdicts: &'a [Verdict],
+    /// The verdicts in words.
+    sentences: Vec<String>,
+}
+
+/// Reads and prints.
+///
+/// # Errors
+/// If there is no store, it cannot be read, or what is asked for makes no sense.
+pub fn run(context: &CliContext, args: &HealthArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let views = data::open_checked(&context.data)?;
+    let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
+    let end = reader.end().map_err(CliError::usage)?;
+    let (asked, moment_ms) = asked(args, end)?;
+    let read = if args.every_task {
+        reader.read_every_task(&asked, Some(end))
+    } else {
+        reader.read(&asked, Some(end))
+    };
+    let mut series = read.map_err(|error| match error {
+        HealthError::Store(error) => CliError::usage(error),
+        HealthError::Asked(text) => CliError::usage(text),
+    })?;
+    let families = chosen(&mut series, args)?;
+    let split = series.bucket_of(moment_ms).unwrap_or(series.buckets / 2);
+    let verdicts: Vec<Verdict> = families.iter().map(|family| series.verdict(family, split)).collect();
+    let mut written = Vec::new();
+    if let Some(path) = &args.csv {
+        write_new(path, &csv(&series))?;
+        written.push(path.clone());
+    }
+    if let Some(path) = &args.svg {
+        for (family, verdict) in families.iter().zip(&verdicts) {
+            let path = if families.len() == 1 { path.clone() } else { named(path, family) };
+            let mut notes = vec![verdict.sentence()];
+            notes.extend(verdict.confounding());
+            notes.extend(series.coverage.sentences());
+            write_new(&path, &svg(&series, family, &notes))?;
+            written.push(path);
+        }
+    }
+    let sentences = verdicts.iter().map(Verdict::sentence).collect();
+    let answer = HealthAnswer { series: &series, verdicts: &verdicts, sentences };
+    out.answer(&answer, |out| show(&series, &families, &verdicts, split, out))?;
+    if !out.is_json() {
+        for path in written {
+            out.line(&format!("written: {}", path.display()))?;
+        }
+    }
+    Ok(Exit::Confirmed)
+}
+
+/// What is asked of the record, and the moment of the verdict on its clock, ms.
+fn asked(args: &HealthArgs, end: Present) -> Result<(HealthAsked, i64), CliError> {
+    let said = [&args.since, &args.until].into_iter().flatten().find_map(Moment::clock);
+    let default = if end.wall_ms.is_some() { HealthClock::Wall } else { HealthClock::Virtual };
+    let clock = said.unwrap_or(default);
+    let place = |moment: &Moment| moment.on(clock, end).map_err(CliError::usage);
+    let until_ms = place(args.until.as_ref().unwrap_or(&Moment::Back(0)))?;
+    // A record that is shorter than the default is cut in its middle.
+    let shorter = if clock == HealthClock::Virtual { until_ms / 2 } else { SPAN_MS };
+    let moment_ms = match &args.since {
+        Some(since) => place(since)?,
+        None => until_ms.saturating_sub(SPAN_MS.min(shorter.max(60_000))),
+    };
+    let since_ms = until_ms.saturating_sub(moment_ms);
+    if since_ms <= 0 {
+        let text = "there is no time between --since and --until";
+        return Err(
+            CliError::usage(text).with_hint("--since comes before --until, and before the end of the record")
+        );
+    }
+    let bucket_ms = match &args.bucket {
+        Some(text) => {
+            let ms = span_ms(text).filter(|ms| (BUCKET_MS_MIN..=BUCKET_MS_MAX).contains(ms));
+            ms.ok_or_else(|| {
+                CliError::usage(format!(
+                    "{text:?} is no width of a bucket; allowed: 1m to 1d, such as 5m, 1h"
+                ))
+            })?
+        }
+        None => {
+            let aim = u64::try_from(since_ms / BUCKETS_AIM).unwrap_or(BUCKET_MS_MIN);
+            BUCKET_WIDTHS_MS.into_iter().find(|width| *width >= aim).unwrap_or(BUCKET_MS_MAX)
+        }
+    };
+    // An edge lies at the moment, so that before and since are counted to the task.
+    let width = i64::try_from(bucket_ms).unwrap_or(i64::MAX);
+    let each = since_ms.div_euclid(width) + i64::from(since_ms.rem_euclid(width) > 0);
+    let buckets = u16::try_from(each.saturating_mul(2)).ok().filter(|buckets| *buckets <= BUCKETS_MAX);
+    let buckets = buckets.ok_or_else(|| {
+        CliError::usage(format!("that makes more than {BUCKETS_MAX} buckets"))
+            .with_hint("name a wider --bucket, or a later --since")
+    })?;
+    let until_ms = moment_ms.saturating_add(each.saturating_mul(width));
+    Ok((
+        HealthAsked { clock: Some(clock), until_ms: Some(until_ms), only_alarms: false, bucket_ms, buckets },
+        moment_ms,
+    ))
+}
+
+/// The families that are told of; of others nothing stays in the series.
+fn chosen(series: &mut HealthSeries, args: &HealthArgs) -> Result<Vec<Family>, CliError> {
+    let all = series.families();
+    let Some(name) = &args.family else { return Ok(all) };
+    let family = Family::new(name.as_str()).map_err(|error| CliError::usage(error.to_string()))?;
+    series.points.retain(|point| point.version.family == family);
+    series.marks.retain(|mark| mark.family.as_ref().is_none_or(|of| *of == family));
+    Ok(vec![family])
+}
+
+/// `week.svg` of a family as `week-grasp.svg`.
+fn named(path: &Path, family: &Family) -> PathBuf {
+    let stem = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    let ending =
+        path.extension().map_or_else(|| "svg".to_owned(), |ending| ending.to_string_lossy().into_owned());
+    path.with_file_name(format!("{stem}-{family}.{ending}"))
+}
+
+/// A file is new: none is ever written over.
+fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
+    let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path);
+    file.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|error| {
+        CliError::usage(format!("cannot write {path:?}: {error}"))
+            .with_hint("name a file that is not there yet")
+    })
+}
+
+fn show(
+    series: &HealthSeries,
+    families: &[Family],
+    verdicts: &[Verdict],
+    split: u32,
+    out: &mut Output<'_>,
+) -> Result<(), CliError> {
+    let by = match series.clock {
+        HealthClock::Wall => "UTC",
+        HealthClock::Virtual => "by the engine's clock",
+    };
+    out.paragraph(
+        "",
+        &format!(
+            "{} to {}, {by}; a bucket is {} min; the record ends {}",
+            series.moment(series.from_ms),
+            series.moment(series.until_ms()),
+            series.bucket_ms / 60_000,
+            ends(series)
+        ),
+    )?;
+    if families.is_empty() {
+        out.paragraph(
+            "",
+            "no live task of this span is on record: tasks are kept of versions that came in through the gate, from then \
+             on, and not of a family's first version",
+        )?;
+    }
+    let mut table = Table::new(&[
+        "family", "version", "tasks", "success", "95 %", "violated", "near", "time s", "p95", "force N",
+        "p95",
+    ]);
+    for family in families {
+        for row in by_version(series, family) {
+            table.row(row);
+        }
+    }
+    if !table.is_empty() {
+        out.table(&table)?;
+    }
+    for (family, verdict) in families.iter().zip(verdicts) {
+        out.line("")?;
+        chart(series, family, split, out)?;
+        out.paragraph("", &verdict.sentence())?;
+        if let Some(text) = verdict.confounding() {
+            out.paragraph("  ", &text)?;
+        }
+    }
+    marks(series, out)?;
+    for text in series.coverage.sentences() {
+        out.paragraph("", &text)?;
+    }
+    Ok(())
+}
+
+fn ends(series: &HealthSeries) -> String {
+    let engine = clock_time(series.last_at_ms);
+    match (series.clock, series.last_wall_ms) {
+        (HealthClock::Wall, Some(wall_ms)) => {
+            format!("{} (engine {engine})", series.moment(wall_ms - wall_ms.rem_euclid(1_000)))
+        }
+        _ => engine,
+    }
+}
+
+/// A row a version over the whole span. Medians of buckets have no median: the widest of them are told.
+fn by_version(series: &HealthSeries, family: &Family) -> Vec<Vec<String>> {
+    let mut versions: Vec<_> = series
+        .points
+        .iter()
+        .filter(|point| point.version.family == *family)
+        .map(|point| &point.version)
+        .collect();
+    versions.sort();
+    versions.dedup();
+    let of = |version| series.points.iter().filter(move |point| &point.version == version);
+    let extent = |values: Vec<f64>| {
+        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let (low, high) = (format!("{low:.1}"), format!("{high:.1}"));
+        if low == high { low } else { format!("{low} to {high}") }
+    };
+    versions
+        .into_iter()
+        .filter_map(|version| {
+            let (tasks, done, [low, high]) = together(of(version))?;
+            let count = |what: fn(&holdpoint_protocol::health::HealthPoint) -> u64| {
+                of(version).map(what).sum::<u64>()
+            };
+            Some(vec![
+                family.to_string(),
+                version.to_string(),
+                tasks.to_string(),
+                format!("{:.1} %", 100.0 * done as f64 / tasks as f64),
+                format!("{:.1} to {:.1}", 100.0 * low, 100.0 * high),
+                count(|point| point.violated).to_string(),
+                count(|point| point.near).to_string(),
+                extent(of(version).map(|point| point.time_s[0]).collect()),
+                extent(of(version).map(|point| point.time_s[1]).collect()),
+                extent(of(version).map(|point| point.force_n[0]).collect()),
+                extent(of(version).map(|point| point.force_n[1]).collect()),
+            ])
+        })
+        .collect()
+}
+
+/// Success in a line of blocks, with the moment and the marks below it. A blank is a bucket without a task.
+fn chart(series: &HealthSeries, family: &Family, split: u32, out: &mut Output<'_>) -> Result<(), CliError> {
+    let shares: Vec<Option<f64>> = (0..series.buckets)
+        .map(|bucket| together(series.at(family, bucket)).map(|(tasks, done, _)| done as f64 / tasks as f64))
+        .collect();
+    let low = shares.iter().flatten().copied().fold(0.9, f64::min);
+    let low = (low * 10.0).floor() / 10.0;
+    let level = |share: f64| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 7")]
+        let at = ((share - low) / (1.0 - low).max(1e-9) * 7.0).round().clamp(0.0, 7.0) as usize;
+        LEVELS.get(at).copied().unwrap_or(' ')
+    };
+    let line: String = shares.iter().map(|share| share.map_or(' ', level)).collect();
+    let mut below: Vec<char> = vec![' '; shares.len()];
+    if let Some(place) = usize::try_from(split).ok().and_then(|at| below.get_mut(at)) {
+        *place = '^';
+    }
+    let mut weight = vec![u8::MAX; below.len()];
+    for mark in series.marks.iter().filter(|mark| mark.family.as_ref().is_none_or(|of| of == family)) {
+        let Some(at) = series.bucket_of(mark.on_clock_ms).and_then(|at| usize::try_from(at).ok()) else {
+            continue;
+        };
+        if let (Some(place), Some(known)) = (below.get_mut(at), weight.get_mut(at))
+            && mark.kind.weight() < *known
+        {
+            (*place, *known) = (mark.kind.letter(), mark.kind.weight());
+        }
+    }
+    // A line of blocks is at most so wide; the rest goes on below.
+    let (line, below): (Vec<char>, Vec<char>) = (line.chars().collect(), below);
+    out.line(&format!("{family}: success by bucket, from {:.0} % to 100 %", 100.0 * low))?;
+    for (blocks, signs) in line.chunks(96).zip(below.chunks(96)) {
+        let text = |signs: &[char]| signs.iter().collect::<String>();
+        out.line(&format!("|{}|", text(blocks)))?;
+        out.line(format!(" {}", text(signs)).trim_end())?;
+    }
+    Ok(())
+}
+
+fn marks(series: &HealthSeries, out: &mut Output<'_>) -> Result<(), CliError> {
+    if series.marks.is_empty() {
+        return Ok(());
+    }
+    out.line("")?;
+    let left = series.marks.len().saturating_sub(MARKS_PRINTED);
+    if left > 0 {
+        out.line(&format!("({left} earlier marks: --json or --csv has them)"))?;
+    }
+    for mark in series.marks.iter().skip(left) {
+        let when = match series.clock {
+            HealthClock::Wall => series.moment(mark.on_clock_ms - mark.on_clock_ms.rem_euclid(1_000)),
+            HealthClock::Virtual => series.moment(mark.on_clock_ms),
+        };
+        let (letter, what) = (mark.kind.letter(), mark.kind.words());
+        out.paragraph("", &format!("{letter} {when}  {what}: {}", mark.text))?;
+    }
+    Ok(())
+}

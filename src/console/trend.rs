@@ -1,0 +1,74 @@
+//! Health over time as the console looks at it: which series, which family, which bucket, and what follows from them.
+
+use super::model::{HealthPlace, Model};
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_protocol::health::{AlarmSpell, HealthSeries, Verdict};
+
+/// Columns beside a chart: the mark of the cursor's row and the numbers of the axis.
+pub const SCALE: u16 = 7;
+
+impl Model {
+    /// The series as it was last read.
+    #[must_use]
+    pub fn health(&self) -> Option<&HealthSeries> {
+        self.told.health.as_ref().map(|(series, _)| &**series)
+    }
+
+    /// Families with a task in the series; where it has none, those that have an active version: they are told of as empty.
+    #[must_use]
+    pub fn health_families(&self) -> Vec<Family> {
+        let worked = self.health().map(HealthSeries::families).unwrap_or_default();
+        if !worked.is_empty() {
+            return worked;
+        }
+        let families = self.told.snapshot.iter().flat_map(|snapshot| &snapshot.families);
+        families.map(|family| family.family.clone()).collect()
+    }
+
+    /// The family under the cursor.
+    #[must_use]
+    pub fn health_family(&self) -> Option<Family> {
+        self.health_families().into_iter().nth(self.row())
+    }
+
+    /// The bucket under the cursor: within the series, the newest if none was chosen.
+    #[must_use]
+    pub fn health_bucket(&self) -> Option<u32> {
+        let series = self.health()?;
+        let last = series.buckets.checked_sub(1)?;
+        let HealthPlace { cursor_ms, .. } = self.place.health;
+        Some(match cursor_ms {
+            Some(at_ms) if at_ms < series.from_ms => 0,
+            Some(at_ms) => series.bucket_of(at_ms).unwrap_or(last),
+            None => last,
+        })
+    }
+
+    /// Better or worse since the cursor, for the family under it.
+    #[must_use]
+    pub fn health_verdict(&self) -> Option<Verdict> {
+        let (series, family) = (self.health()?, self.health_family()?);
+        Some(series.verdict(&family, self.health_bucket()?))
+    }
+
+    /// Who worked for the family under the cursor in the bucket under it, last; where nobody did, who is active.
+    #[must_use]
+    pub fn health_version(&self) -> Option<CapabilityId> {
+        let family = self.health_family()?;
+        let worked = self.health().and_then(|series| {
+            let bucket = self.health_bucket()?;
+            let last = series.at(&family, bucket).max_by_key(|point| point.at_ms[1]);
+            last.map(|point| point.version.clone())
+        });
+        worked.or_else(|| {
+            let families = &self.told.snapshot.as_ref()?.families;
+            families.iter().find(|known| known.family == family)?.active.clone()
+        })
+    }
+
+    /// The course of every alarm, the newest first.
+    #[must_use]
+    pub fn alarm_spells(&self) -> Vec<&AlarmSpell> {
+        self.told.alarm_history.as_ref().map(|series| series.alarms.iter().collect()).unwrap_or_default()
+    }
+}

@@ -1,0 +1,120 @@
+//! The health view: what is asked for and how often, the cursor, and the course of alarms, which changes nothing.
+
+use super::*;
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::health::{HealthAsked, HealthClock, HealthSeries};
+
+/// Tue 17 Nov 2026, 08:00 UTC.
+const TUESDAY_MS: i64 = 1_794_902_400_000;
+
+fn asked(effects: &[Effect]) -> Option<(String, HealthAsked)> {
+    effects.iter().find_map(|effect| match effect {
+        Effect::Ask { id, question: Question::Health(asked) | Question::AlarmHistory(asked) } => {
+            Some((id.clone(), *asked))
+        }
+        _ => None,
+    })
+}
+
+fn series(asked: HealthAsked, until_ms: i64) -> Reply {
+    let width = i64::try_from(asked.bucket_ms).unwrap();
+    let alarm = json!({ "alarm": "degraded:grasp@1.3.0", "priority": "high", "text": "worse",
+        "raised": { "at_ms": 5, "wall_ms": null, "by": null, "reason": null }, "began_before": false,
+        "acknowledged": null, "shelved": null, "over": null, "reset": null, "ended": null,
+        "state": "unacknowledged", "changes": 1 });
+    let series = json!({ "clock": HealthClock::Wall, "from_ms": until_ms - width * i64::from(asked.buckets),
+        "bucket_ms": asked.bucket_ms, "buckets": asked.buckets, "last_at_ms": 0, "last_wall_ms": null, "points": [],
+        "marks": [], "alarms": [alarm], "coverage": { "tasks": 0, "blocks": 0, "blocks_read": 0, "not_judged": 0,
+        "removed": 0, "late": 0, "damaged": 0, "without_wall": 0, "marks_left_off": 0, "alarms_left_off": 0 } });
+    Reply::Health { series: Box::new(serde_json::from_value::<HealthSeries>(series).unwrap()) }
+}
+
+/// In the health view, with an answer to what it asked.
+fn opened() -> TestConsole {
+    let mut console = TestConsole::new(0);
+    let effects = console.keys("8");
+    assert_eq!(console.model.place.view, View::Health);
+    answer(&mut console, &effects, TUESDAY_MS);
+    console
+}
+
+fn answer(console: &mut TestConsole, effects: &[Effect], until_ms: i64) -> HealthAsked {
+    let (id, asked) = asked(effects).expect("the record is asked");
+    console.tell(MsgKind::Answer { id, reply: Box::new(series(asked, until_ms)) });
+    asked
+}
+
+#[test]
+fn a_column_is_a_bucket_and_zoom_asks_anew_within_its_ends() {
+    let mut console = opened();
+    let effects = console.tell(MsgKind::Resize(120, 36));
+    let first = answer(&mut console, &effects, TUESDAY_MS);
+    assert_eq!((first.bucket_ms, first.buckets, first.until_ms), (900_000, 113, None));
+    let effects = console.keys("-");
+    assert_eq!(answer(&mut console, &effects, TUESDAY_MS).bucket_ms, 1_800_000);
+    let mut narrowest = 0;
+    for _ in 0..12 {
+        let effects = console.keys("+");
+        match asked(&effects) {
+            Some(_) => narrowest = answer(&mut console, &effects, TUESDAY_MS).bucket_ms,
+            None => assert!(console.model.notice.as_ref().unwrap().text.contains("narrower than a minute")),
+        }
+    }
+    assert_eq!(narrowest, 60_000);
+    let effects = console.keys("0");
+    assert_eq!(answer(&mut console, &effects, TUESDAY_MS).bucket_ms, 900_000);
+}
+
+#[test]
+fn the_cursor_stays_at_its_moment_while_time_goes_on() {
+    let mut console = opened();
+    assert_eq!(console.model.health_bucket(), Some(72), "the newest");
+    console.keys("hh");
+    let (series, _) = console.model.told.health.clone().unwrap();
+    let moment = series.start_ms(70);
+    assert_eq!(console.model.place.health.cursor_ms, Some(moment));
+    console.now_ms += 20_000;
+    let effects = console.tell(MsgKind::Tick);
+    answer(&mut console, &effects, TUESDAY_MS + 900_000);
+    assert_eq!(console.model.health_bucket(), Some(69), "the same moment, one column further left");
+    console.keys("lll");
+    assert_eq!(console.model.place.health.cursor_ms, None);
+    let effects = console.keys("-");
+    answer(&mut console, &effects, TUESDAY_MS + 900_000);
+    assert_eq!(console.model.health_bucket(), Some(72), "it goes on with the newest");
+}
+
+#[test]
+fn work_is_looked_at_from_time_to_time_and_what_is_frozen_stays() {
+    let mut console = opened();
+    console.now_ms += 14_000;
+    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "nothing happened but work");
+    console.now_ms += 2_000;
+    let effects = console.tell(MsgKind::Tick);
+    assert!(asked(&effects).is_some());
+    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "one question at a time");
+    answer(&mut console, &effects, TUESDAY_MS);
+    console.keys("f");
+    console.now_ms += 60_000;
+    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "frozen");
+}
+
+#[test]
+fn the_course_of_alarms_is_read_and_changes_nothing() {
+    let mut console = TestConsole::new(0);
+    console.keys("5");
+    let effects = console.press(KeyCode::Tab);
+    let asked = answer(&mut console, &effects, TUESDAY_MS);
+    assert!(asked.only_alarms && console.model.told.health.is_none());
+    assert_eq!(console.model.alarm_spells().len(), 1);
+    for key in [" ", "z", "Z", "R"] {
+        let effects = console.keys(key);
+        assert!(effects.is_empty() && console.model.entry.overlay.is_none(), "{key}: {effects:?}");
+        assert!(console.model.notice.as_ref().unwrap().text.contains("changes nothing"));
+    }
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.place.view, View::Candidate, "it opens what the alarm is about");
+    console.keys("!");
+    assert_eq!(console.model.place.pane(), 0, "the alarm to attend to is among the open ones");
+    assert!(!console.press(KeyCode::Char(' ')).is_empty());
+}

@@ -1,0 +1,87 @@
+//! The alarms' other pane: the course of each alarm of the last thirty days, the newest first.
+//!
+//! ```text
+//!   priority  raised              stood     state         what
+//! ▸ 2◆ HIGH   Tue 17 Nov 08:12    4 min 5 s normal        degraded:grasp@1.1.0
+//! ── degraded:grasp@1.1.0 ─────────────────────────────────────────────
+//! raised 08:12:03, acknowledged 08:13:10 by ana, over 08:16:08, closed by ana: the mount was loose
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::status::priority_words;
+use crate::look::ThemeRole;
+use crate::model::Model;
+use crate::theme::Mark;
+use crate::widgets::list::place;
+use crate::widgets::pen::{Pen, below, cut};
+use crate::widgets::row::{Row, wrap};
+use crate::words::{duration, seconds};
+use holdpoint_protocol::calendar;
+use holdpoint_protocol::health::AlarmStep;
+
+/// Lines for the one under the cursor.
+const DETAIL_ROWS: u16 = 9;
+
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let spells = model.alarm_spells();
+    let inside = pen.pane(area, "Alarms of the last 30 days", true, &place(spells.len(), model.row()));
+    if spells.is_empty() {
+        let text = match &model.told.alarm_history {
+            None => "The record is being read",
+            Some(_) => "No alarm was raised in the last 30 days",
+        };
+        pen.text(inside, 0, ThemeRole::Muted, text);
+        return;
+    }
+    let look = pen.look;
+    let header = Row::new()
+        .to_column(2)
+        .cell(ThemeRole::Muted, "priority", 9)
+        .cell(ThemeRole::Muted, "raised", 18)
+        .cell(ThemeRole::Muted, "stood", 12)
+        .cell(ThemeRole::Muted, "state", 17)
+        .with(ThemeRole::Muted, "alarm");
+    pen.row(inside, 0, &header);
+    let detail_rows = DETAIL_ROWS.min(inside.height / 2);
+    let (list, detail) = cut(below(inside, 1), inside.height.saturating_sub(1 + detail_rows));
+    let now_ms = model.engine_ms();
+    pen.list(list, spells.len(), Some(model.row()), |index, _| {
+        spells.get(index).map_or_else(Row::new, |spell| {
+            let priority = Mark::priority(spell.priority);
+            let state = Mark::alarm_state(spell.state);
+            let role = if spell.ended.is_some() { ThemeRole::Quiet } else { priority.role };
+            let stood = duration(spell.stood_ms(now_ms));
+            Row::new()
+                .with(role, &priority_words(look, spell.priority))
+                .to_column(9)
+                .cell(ThemeRole::Text, &when(&spell.raised), 18)
+                .cell(ThemeRole::Text, &stood, 12)
+                .cell(state.role, &look.words(state), 16)
+                .with(ThemeRole::Text, " ")
+                .with(ThemeRole::Text, &spell.alarm)
+        })
+    });
+    if let Some(spell) = spells.get(model.row()) {
+        let inside = pen.pane(detail, &super::short(&spell.alarm, 80), false, "");
+        let width = usize::from(inside.width);
+        let mut rows = Vec::new();
+        let said = spell.sentences(now_ms);
+        let (text, course) = said.split_at(usize::from(spell.text.is_some()));
+        for text in text {
+            rows.extend(wrap(text, width, 2).iter().map(|line| Row::of(ThemeRole::Text, line)));
+        }
+        let course = wrap(&course.join("; "), width, usize::from(DETAIL_ROWS));
+        rows.extend(course.iter().map(|line| Row::of(ThemeRole::Text, line)));
+        pen.rows(inside, 0, &rows);
+    }
+}
+
+/// When a step was, by the machine's clock if it is known, else by the engine's.
+fn when(step: &AlarmStep) -> String {
+    step.wall_ms.map_or_else(
+        || seconds(step.at_ms),
+        // Seconds stand in the sentences.
+        |wall_ms| calendar::moment(wall_ms - wall_ms.rem_euclid(60_000)),
+    )
+}

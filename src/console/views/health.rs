@@ -1,0 +1,407 @@
+//! View 8: what live tasks came to over hours and days, family by family, with what happened beside them.
+//!
+//! ```text
+//! [Success] Violations  Time  Force      18 h, a column is 15 min, UTC
+//! ▸ grasp ─────────────────────────────────── 94.0 % of 810 [92, 95] ─
+//!  100 ⣀⣀⣀⡠⠤⠒⠒⠤⣀⡠⠤⠒                  a line: the share; dots above and below
+//!   80              ⠒⠤⣀              it: the ends of the interval of 95 %
+//!                  P      !
+//!       08:00       12:00       16:00
+//! 12:00 to 12:15, engine 04:00:00: grasp@1.1.0 30 of 34 done, 1 violated
+//! P 12:03 promotion: grasp@1.1.0 took over
+//! success of grasp since Tue 17 Nov 12:00: 88.2 % of 340, before 94.0 %…
+//! ```
+
+use std::collections::BTreeMap;
+
+use ratatui::layout::Rect;
+
+use super::tabs;
+use crate::look::{Glyph, ThemeRole};
+use crate::model::Model;
+use crate::trend::SCALE;
+use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
+use crate::widgets::pen::{Pen, above, below, cut};
+use crate::widgets::row::{Row, wrap};
+use crate::words::seconds;
+use holdpoint_governance::ids::Family;
+use holdpoint_protocol::calendar;
+use holdpoint_protocol::health::{
+    HealthClock, HealthMark, HealthPoint, HealthSeries, MarkKind, Trend, together,
+};
+
+/// Lines of one family at least: its heading and two of dots.
+const FAMILY_ROWS: u16 = 3;
+
+/// Lines of one family at most.
+const FAMILY_ROWS_MAX: u16 = 20;
+
+/// Lines below the charts at most: values, marks, verdict, what is left out.
+const BELOW_ROWS_MAX: u16 = 14;
+
+/// Columns between two times at the axis at least.
+const TIME_APART: u32 = 14;
+
+/// What a pane shows.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Quantity {
+    Success,
+    Violations,
+    Time,
+    Force,
+}
+
+impl Quantity {
+    const fn of(pane: usize) -> Self {
+        match pane {
+            1 => Self::Violations,
+            2 => Self::Time,
+            3 => Self::Force,
+            _ => Self::Success,
+        }
+    }
+
+    /// Value and band of what a family's versions came to in one bucket, in the unit of the axis.
+    fn of_points(self, points: &[&HealthPoint]) -> Option<(f64, [f64; 2])> {
+        let tasks: u64 = points.iter().map(|point| point.tasks).sum();
+        let share = |count: u64| 100.0 * count as f64 / tasks.max(1) as f64;
+        // Of medians there is no median: of several versions in a bucket the one that worked most is shown.
+        let most = points.iter().max_by_key(|point| point.tasks)?;
+        Some(match self {
+            Self::Success => {
+                let (tasks, done, interval) = together(points.iter().copied())?;
+                (100.0 * done as f64 / tasks as f64, interval.map(|end| 100.0 * end))
+            }
+            Self::Violations => {
+                let violated = share(points.iter().map(|point| point.violated).sum());
+                (violated, [violated, share(points.iter().map(|point| point.near).sum())])
+            }
+            Self::Time => (most.time_s[0], most.time_s),
+            Self::Force => (most.force_n[0], most.force_n),
+        })
+    }
+
+    /// What the dots and the band mean.
+    const fn legend(self) -> &'static str {
+        match self {
+            Self::Success => "% done, band: 95 % interval",
+            Self::Violations => "% of tasks violated, band: up to near a limit",
+            Self::Time => "s, median, band: to the 95th percentile",
+            Self::Force => "N, median of the largest, band: to the 95th percentile",
+        }
+    }
+}
+
+pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let head = tabs::panes(model);
+    let area = super::frozen(model, pen, area);
+    let Some(series) = model.health() else {
+        pen.row(area, 0, &head);
+        pen.text(below(area, 1), 0, ThemeRole::Muted, "The record is being read");
+        return;
+    };
+    let quantity = Quantity::of(model.place.pane());
+    let room = usize::from(area.width).saturating_sub(head.width() + 2);
+    let span = extent(series).into_iter().find(|text| text.chars().count() <= room).unwrap_or_default();
+    let row = head.to_column(usize::from(area.width) - span.chars().count()).with(ThemeRole::Muted, &span);
+    pen.row(area, 0, &row);
+    let area = below(area, 1);
+    let below_it = under(model, series, usize::from(area.width));
+    let families = model.health_families();
+    let foot_max = (area.height / 2).min(BELOW_ROWS_MAX);
+    let foot = u16::try_from(below_it.len()).unwrap_or(u16::MAX).min(foot_max);
+    // Marks and times stand between the charts and what is said.
+    let (charts, rest) = cut(area, area.height.saturating_sub(foot + 2));
+    draw_families(model, series, quantity, &families, pen, charts);
+    marks_line(model, series, pen, above(rest, 1));
+    axis(model, series, pen, above(below(rest, 1), 1));
+    pen.rows(below(rest, 2), 0, &below_it);
+}
+
+/// Which span is shown, and what a column stands for, in words that get shorter.
+fn extent(series: &HealthSeries) -> [String; 2] {
+    let clock = match series.clock {
+        HealthClock::Wall => "UTC",
+        HealthClock::Virtual => "engine's time",
+    };
+    let all = series.bucket_ms.saturating_mul(u64::from(series.buckets));
+    let (all, each) = (span(all), span(series.bucket_ms));
+    [format!("the last {all}, a column is {each}, {clock}"), format!("{all}, {each} a column, {clock}")]
+}
+
+fn span(ms: u64) -> String {
+    let minutes = ms / 60_000;
+    match minutes {
+        0..60 => format!("{minutes} min"),
+        60..1_440 if minutes % 60 == 0 => format!("{} h", minutes / 60),
+        60..1_440 => format!("{} h {} min", minutes / 60, minutes % 60),
+        _ if minutes % 1_440 < 60 => format!("{} d", minutes / 1_440),
+        _ => format!("{} d {} h", minutes / 1_440, minutes / 60 % 24),
+    }
+}
+
+fn draw_families(
+    model: &Model,
+    series: &HealthSeries,
+    quantity: Quantity,
+    families: &[Family],
+    pen: &mut Pen<'_>,
+    area: Rect,
+) {
+    if series.points.is_empty() {
+        let said = "No live task of this span is on record. Tasks are kept of versions that came in through the gate, \
+                    from then on; those of a family's first version are not.";
+        let lines = wrap(said, usize::from(area.width), usize::from(area.height));
+        let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Muted, line)).collect();
+        pen.rows(area, 0, &rows);
+        return;
+    }
+    let fit = usize::from(area.height / FAMILY_ROWS).clamp(1, families.len().max(1));
+    let here = model.row().min(families.len().saturating_sub(1));
+    // The family under the cursor is always among those that are shown.
+    let first = here.saturating_sub(fit - 1).min(families.len() - fit.min(families.len()));
+    let mut rest = area;
+    for (shown, (place, family)) in families.iter().enumerate().skip(first).take(fit).enumerate() {
+        let to_come = u16::try_from(fit - shown).unwrap_or(1).max(1);
+        let (part, left) = cut(rest, (rest.height / to_come).min(FAMILY_ROWS_MAX));
+        rest = left;
+        let all = series.points.iter().filter(|point| point.version.family == *family);
+        let right = match together(all) {
+            Some((tasks, done, [low, high])) => {
+                let share = 100.0 * done as f64 / tasks as f64;
+                format!("{share:.1} % of {tasks} [{:.0}, {:.0}]", 100.0 * low, 100.0 * high)
+            }
+            None => "no task".to_owned(),
+        };
+        let title = format!("{family}, {}", quantity.legend());
+        let inside = pen.pane(part, &title, place == here, &right);
+        chart(model, series, (quantity, family), pen, inside);
+    }
+}
+
+/// One family's chart: a column a bucket.
+#[allow(clippy::cast_possible_truncation, reason = "scaled to the area before")]
+fn chart(
+    model: &Model,
+    series: &HealthSeries,
+    (quantity, family): (Quantity, &Family),
+    pen: &mut Pen<'_>,
+    area: Rect,
+) {
+    if area.width <= SCALE || area.height == 0 {
+        return;
+    }
+    let plot = Rect { x: area.x + SCALE, width: area.width - SCALE, ..area };
+    let mut buckets: BTreeMap<u32, Vec<&HealthPoint>> = BTreeMap::new();
+    for point in series.points.iter().filter(|point| point.version.family == *family) {
+        buckets.entry(point.bucket).or_default().push(point);
+    }
+    let values: Vec<(u32, f64, [f64; 2])> = buckets
+        .iter()
+        .filter_map(|(bucket, points)| {
+            let (value, band) = quantity.of_points(points)?;
+            Some((column(series, *bucket, plot.width)?, value, band))
+        })
+        .collect();
+    let (low, high) = range(quantity, &values);
+    let bottom = f64::from(plot.height) * DOWN as f64 - 1.0;
+    let y = |value: f64| (bottom - (value - low) / (high - low) * bottom).round().clamp(0.0, bottom) as i64;
+    let mut dots = Dots::new(plot);
+    let across = i64::try_from(ACROSS).unwrap_or(2);
+    let band = Ink { role: ThemeRole::Muted, ascii: ".", dashed: false };
+    let ink = Ink { role: ThemeRole::Value, ascii: "*", dashed: false };
+    for (x, _, [lower, upper]) in &values {
+        let x = i64::from(*x) * across + 1;
+        dots.dot(x, y(*upper), band);
+        dots.dot(x, y(*lower), band);
+    }
+    let mut before: Option<(u32, i64)> = None;
+    for (x, value, _) in &values {
+        let (column, at) = (i64::from(*x) * across, y(*value));
+        // Joined only where nothing lies between: a gap in the record is a gap here.
+        if let Some((last, from)) = before.filter(|(last, _)| last + 1 == *x) {
+            dots.line((i64::from(last) * across + 1, from), (column, at), ink);
+        }
+        dots.dot(column, at, ink);
+        dots.dot(column + 1, at, ink);
+        before = Some((*x, at));
+    }
+    dots.draw(pen, plot);
+    let width = usize::from(SCALE - 2);
+    let number = |value: f64| if value < 10.0 { format!("{value:.1}") } else { format!("{value:.0}") };
+    pen.row(area, 0, &Row::new().cell_right(ThemeRole::Muted, &number(high), width));
+    if area.height > 1 {
+        pen.row(area, area.height - 1, &Row::new().cell_right(ThemeRole::Muted, &number(low), width));
+    }
+    if let Some(x) = model.health_bucket().and_then(|bucket| column(series, bucket, plot.width)) {
+        let x = plot.x + u16::try_from(x).unwrap_or(0);
+        pen.lay(Rect { x, width: 1, ..plot }, ThemeRole::Selected);
+    }
+}
+
+/// Where a bucket is drawn: the newest at the right end; what was asked for on a wider screen loses its oldest.
+fn column(series: &HealthSeries, bucket: u32, width: u16) -> Option<u32> {
+    let back = series.buckets.checked_sub(bucket + 1)?;
+    u32::from(width).checked_sub(back + 1)
+}
+
+fn range(quantity: Quantity, values: &[(u32, f64, [f64; 2])]) -> (f64, f64) {
+    let least = values.iter().map(|(_, _, [lower, _])| *lower).fold(f64::INFINITY, f64::min);
+    let most = values.iter().map(|(_, _, [_, upper])| *upper).fold(0.0, f64::max);
+    match quantity {
+        // From a round number below the lowest band, so that some points more or less can be seen.
+        Quantity::Success => {
+            (if least.is_finite() { (least / 10.0).floor() * 10.0 } else { 0.0 }.min(90.0), 100.0)
+        }
+        Quantity::Violations => (0.0, most.max(5.0)),
+        Quantity::Time | Quantity::Force => (0.0, if most > 0.0 { most } else { 1.0 }),
+    }
+}
+
+/// The marks of the family under the cursor and of the cell, each over its column; of several the weightiest.
+fn marks_line(model: &Model, series: &HealthSeries, pen: &mut Pen<'_>, area: Rect) {
+    let plot = Rect { x: area.x + SCALE, width: area.width.saturating_sub(SCALE), ..area };
+    pen.row(area, 0, &Row::new().cell_right(ThemeRole::Muted, "marks", usize::from(SCALE - 2)));
+    let family = model.health_family();
+    let mut weightiest: BTreeMap<u32, &HealthMark> = BTreeMap::new();
+    for mark in ours(series, family.as_ref()) {
+        let Some(x) =
+            series.bucket_of(mark.on_clock_ms).and_then(|bucket| column(series, bucket, plot.width))
+        else {
+            continue;
+        };
+        let known = weightiest.entry(x).or_insert(mark);
+        if mark.kind.weight() < known.kind.weight() {
+            *known = mark;
+        }
+    }
+    for (x, mark) in weightiest {
+        let mut bytes = [0; 4];
+        let sign = &*mark.kind.letter().encode_utf8(&mut bytes);
+        pen.cell(plot.x + u16::try_from(x).unwrap_or(0), area.y, sign, role(mark.kind));
+    }
+}
+
+fn ours<'a>(series: &'a HealthSeries, family: Option<&'a Family>) -> impl Iterator<Item = &'a HealthMark> {
+    series.marks.iter().filter(move |mark| mark.family.is_none() || mark.family.as_ref() == family)
+}
+
+const fn role(kind: MarkKind) -> ThemeRole {
+    match kind {
+        MarkKind::Rollback | MarkKind::Vacated | MarkKind::Stopped | MarkKind::BreakGlass => ThemeRole::Bad,
+        MarkKind::Demotion | MarkKind::Restriction | MarkKind::DriftAlarm | MarkKind::AlarmRaised => {
+            ThemeRole::Warning
+        }
+        MarkKind::Promotion | MarkKind::Confirmed => ThemeRole::Good,
+        MarkKind::Restored
+        | MarkKind::FirstVersion
+        | MarkKind::AlarmReset
+        | MarkKind::Drift
+        | MarkKind::LiveFault
+        | MarkKind::Released
+        | MarkKind::Goal
+        | MarkKind::Context
+        | MarkKind::Commissioned
+        | MarkKind::EngineOff => ThemeRole::Text,
+    }
+}
+
+/// Times below the columns at which they begin.
+fn axis(model: &Model, series: &HealthSeries, pen: &mut Pen<'_>, area: Rect) {
+    let plot = Rect { x: area.x + SCALE, width: area.width.saturating_sub(SCALE), ..area };
+    let mut row = Row::new();
+    let mut bucket = 0;
+    while bucket < series.buckets {
+        if let Some(x) = column(series, bucket, plot.width) {
+            let words = tick(series, bucket);
+            let x = usize::try_from(x).unwrap_or(0);
+            if x >= row.width() && x + words.chars().count() < usize::from(plot.width) {
+                row = row.to_column(x).with(ThemeRole::Muted, &words);
+            }
+        }
+        bucket += TIME_APART;
+    }
+    pen.row(plot, 0, &row);
+    // The cursor's column in a sign as well: not every screen has a colour for it.
+    if let Some(x) = model.health_bucket().and_then(|bucket| column(series, bucket, plot.width)) {
+        let sign = pen.look.glyph(Glyph::Up);
+        pen.cell(plot.x + u16::try_from(x).unwrap_or(0), plot.y, sign, ThemeRole::Focus);
+    }
+}
+
+fn tick(series: &HealthSeries, bucket: u32) -> String {
+    let at_ms = series.start_ms(bucket);
+    match series.clock {
+        HealthClock::Virtual => seconds(u64::try_from(at_ms).unwrap_or(0)),
+        HealthClock::Wall if series.bucket_ms >= 43_200_000 => calendar::date(at_ms),
+        HealthClock::Wall if series.bucket_ms >= 3_600_000 => {
+            format!("{} {}", calendar::date(at_ms), calendar::time(at_ms))
+        }
+        HealthClock::Wall => calendar::time(at_ms),
+    }
+}
+
+/// What is said below the charts: the bucket under the cursor, what happened in it, the verdict, what is left out.
+fn under(model: &Model, series: &HealthSeries, width: usize) -> Vec<Row> {
+    let mut rows = Vec::new();
+    let mut say = |role: ThemeRole, text: &str, most: usize| {
+        rows.extend(wrap(text, width, most).iter().map(|line| Row::of(role, line)));
+    };
+    let (Some(bucket), Some(family)) = (model.health_bucket(), model.health_family()) else { return rows };
+    if let Some(verdict) = model.health_verdict().filter(|_| !series.points.is_empty()) {
+        let role = match verdict.trend() {
+            Trend::Worse => ThemeRole::Warning,
+            Trend::Better => ThemeRole::Good,
+            Trend::NotShown | Trend::NoData => ThemeRole::Text,
+        };
+        say(role, &verdict.sentence(), 2);
+        if let Some(text) = verdict.confounding() {
+            say(ThemeRole::Text, &text, 2);
+        }
+    }
+    let (start, end) = (series.moment(series.start_ms(bucket)), series.moment(series.start_ms(bucket + 1)));
+    let points: Vec<&HealthPoint> = series.at(&family, bucket).collect();
+    if points.is_empty() {
+        say(ThemeRole::Muted, &format!("{start} to {end}: no task of {family} on record"), 1);
+    }
+    for point in &points {
+        say(ThemeRole::Text, &values(series, point, &start), 2);
+    }
+    let mut marks: Vec<&HealthMark> = series.marks_in(Some(&family), bucket).collect();
+    marks.sort_by_key(|mark| mark.kind.weight());
+    for mark in marks.iter().take(3) {
+        let when = match (series.clock, mark.wall_ms) {
+            (HealthClock::Wall, Some(wall_ms)) => calendar::time(wall_ms - wall_ms.rem_euclid(1_000)),
+            _ => seconds(mark.at_ms),
+        };
+        let (letter, what) = (mark.kind.letter(), mark.kind.words());
+        say(role(mark.kind), &format!("{letter} {when} {what}: {}", mark.text), 1);
+    }
+    if marks.len() > 3 {
+        say(ThemeRole::Muted, &format!("and {} marks more in this column", marks.len() - 3), 1);
+    }
+    for text in series.coverage.sentences() {
+        say(ThemeRole::Muted, &text, 2);
+    }
+    rows
+}
+
+/// What one version came to in a bucket, with both clocks.
+fn values(series: &HealthSeries, point: &HealthPoint, start: &str) -> String {
+    let HealthPoint { version, tasks, succeeded, success: [low, high], violated, near, .. } = point;
+    let share = 100.0 * *succeeded as f64 / (*tasks).max(1) as f64;
+    let engine = match series.clock {
+        HealthClock::Wall => format!(" (engine {})", seconds(point.at_ms[0])),
+        HealthClock::Virtual => String::new(),
+    };
+    format!(
+        "{start}{engine} {version}: {succeeded} of {tasks} done, {share:.1} % [{:.0}, {:.0}]; violated {violated}, near \
+         {near}; {:.1} s, p95 {:.1}; {:.1} N, p95 {:.1}",
+        100.0 * low,
+        100.0 * high,
+        point.time_s[0],
+        point.time_s[1],
+        point.force_n[0],
+        point.force_n[1]
+    )
+}

@@ -1,0 +1,169 @@
+//! Health over time: what the record and its telemetry tell of live tasks, laid over time, beside a running engine too.
+//!
+//! Reads and computes; changes nothing and judges nothing. What one question costs is bounded: where a span holds more
+//! telemetry than that, blocks spread evenly over it are read, and the answer says how many of how many. Every batch is
+//! held against the digest that the chain seals; what differs is in no number.
+
+mod alarms;
+mod clock;
+mod export;
+mod marks;
+mod tasks;
+
+use std::borrow::Cow;
+
+use holdpoint_protocol::health::{HealthAsked, HealthClock, HealthCoverage, HealthSeries};
+use holdpoint_registry::{Layout, StoreError, TelemetryViews, Views};
+use holdpoint_text::Hint;
+
+use self::clock::Span;
+
+pub use self::export::{csv, svg};
+pub use self::tasks::TASKS_READ;
+
+/// Why there is no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum HealthError {
+    /// Record or telemetry cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// What was asked for is not allowed.
+    #[error("{0}")]
+    Asked(String),
+}
+
+impl Hint for HealthError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        match self {
+            Self::Store(error) => error.hint(),
+            Self::Asked(_) => None,
+        }
+    }
+}
+
+/// The present, where an engine is at work: it may be later than the last record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Present {
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// The machine's time, ms since 1970; absent in scripts.
+    pub wall_ms: Option<i64>,
+}
+
+/// What a store holds to answer from.
+pub struct HealthReader {
+    views: Views,
+    telemetry: Option<TelemetryViews>,
+}
+
+impl HealthReader {
+    /// Opens what there is of a store; `views` are its record, opened as the caller needs it.
+    ///
+    /// # Errors
+    /// If telemetry is there and cannot be read.
+    pub fn new(views: Views, layout: &Layout) -> Result<Self, StoreError> {
+        let file = layout.telemetry();
+        let telemetry = file.is_file().then(|| TelemetryViews::open(&file)).transpose()?;
+        Ok(Self { views, telemetry })
+    }
+
+    /// As [`Self::new`], for a store that an engine at work vouches for.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn open(layout: &Layout) -> Result<Self, StoreError> {
+        Self::new(Views::open(&layout.database())?, layout)
+    }
+
+    /// When the record ends: where no engine is at work, that is the end of what can be asked about.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn end(&self) -> Result<Present, StoreError> {
+        let head = self.views.head()?;
+        let wall_ms = self.views.stamp(head.seq)?.and_then(|stamp| stamp.wall_ms);
+        Ok(Present { at_ms: head.at_ms, wall_ms })
+    }
+
+    /// The answer. `present` is the present of the engine at work; absent where none is.
+    ///
+    /// # Errors
+    /// [`HealthError`].
+    pub fn read(&self, asked: &HealthAsked, present: Option<Present>) -> Result<HealthSeries, HealthError> {
+        self.read_bounded(asked, present, TASKS_READ)
+    }
+
+    /// As [`Self::read`], with no bound on what is read of telemetry.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_every_task(
+        &self,
+        asked: &HealthAsked,
+        present: Option<Present>,
+    ) -> Result<HealthSeries, HealthError> {
+        self.read_bounded(asked, present, u64::MAX)
+    }
+
+    fn read_bounded(
+        &self,
+        asked: &HealthAsked,
+        present: Option<Present>,
+        tasks_read: u64,
+    ) -> Result<HealthSeries, HealthError> {
+        if let Some(problem) = asked.problem() {
+            return Err(HealthError::Asked(problem));
+        }
+        let end = self.end()?;
+        let now = present.unwrap_or(end);
+        let clock = asked.clock.unwrap_or(if now.wall_ms.is_some() {
+            HealthClock::Wall
+        } else {
+            HealthClock::Virtual
+        });
+        let now_ms = match clock {
+            HealthClock::Virtual => i64::try_from(now.at_ms).unwrap_or(i64::MAX),
+            HealthClock::Wall => now.wall_ms.ok_or_else(|| {
+                HealthError::Asked(
+                    "this record has no time of the machine's clock: it is a script's".to_owned(),
+                )
+            })?,
+        };
+        let width = i64::try_from(asked.bucket_ms).unwrap_or(i64::MAX);
+        let until_ms = asked
+            .until_ms
+            .unwrap_or_else(|| now_ms.div_euclid(width).saturating_add(1).saturating_mul(width));
+        let from_ms = until_ms.saturating_sub(width.saturating_mul(i64::from(asked.buckets)));
+        let mut coverage = HealthCoverage::default();
+        let mut series = HealthSeries {
+            clock,
+            from_ms,
+            bucket_ms: asked.bucket_ms,
+            buckets: u32::from(asked.buckets),
+            last_at_ms: end.at_ms,
+            last_wall_ms: end.wall_ms,
+            points: Vec::new(),
+            marks: Vec::new(),
+            alarms: Vec::new(),
+            coverage,
+        };
+        let span = Span::find(&self.views, clock, from_ms, until_ms)?;
+        series.alarms = alarms::read(&self.views, &span, &mut coverage)?;
+        if asked.only_alarms {
+            series.coverage = coverage;
+            return Ok(series);
+        }
+        if let Some(telemetry) = &self.telemetry {
+            series.points =
+                tasks::points(&self.views, telemetry, (&span, &series), &mut coverage, tasks_read)?;
+        }
+        let mut marks = marks::read(&self.views, &span, &mut coverage)?;
+        marks.extend(marks::of_alarms(&span, &series.alarms));
+        series.marks = marks::bounded(marks, &span, &mut coverage);
+        series.coverage = coverage;
+        Ok(series)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,109 @@
+//! From a span of time to the records that were written in it, without reading what they say.
+//!
+//! The engine's clock and the machine's go side by side while an engine is at work. Where the machine's went on alone no
+//! engine was at work, or the machine slept.
+
+use holdpoint_protocol::health::HealthClock;
+use holdpoint_registry::{Stamp, StoreError, Views};
+
+/// By how much the machine's clock has to go on alone for it to be told, ms.
+const ALONE_MS: i64 = 2_000;
+
+/// The most places that are looked for where it did.
+const GAPS_MAX: usize = 200;
+
+/// The most records that are looked at for them.
+const LOOKS_MAX: usize = 20_000;
+
+/// Records of a span of time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Span {
+    pub(super) clock: HealthClock,
+    /// On that clock, ms; the end is outside.
+    pub(super) from_ms: i64,
+    pub(super) until_ms: i64,
+    /// The first record within.
+    pub(super) first: u64,
+    /// The first record after.
+    pub(super) after: u64,
+    /// The last record there is.
+    pub(super) head: u64,
+}
+
+/// A record's place on a clock, ms; absent where it has none.
+pub(super) fn on_clock(clock: HealthClock, at_ms: u64, wall_ms: Option<i64>) -> Option<i64> {
+    match clock {
+        HealthClock::Virtual => i64::try_from(at_ms).ok(),
+        HealthClock::Wall => wall_ms,
+    }
+}
+
+impl Span {
+    /// Finds the records: both clocks go on with the chain, so halving finds the ends.
+    pub(super) fn find(
+        views: &Views,
+        clock: HealthClock,
+        from_ms: i64,
+        until_ms: i64,
+    ) -> Result<Self, StoreError> {
+        let head = views.head()?.seq;
+        let first = Self::first_at(views, clock, head, from_ms)?;
+        let after = Self::first_at(views, clock, head, until_ms)?;
+        Ok(Self { clock, from_ms, until_ms, first, after, head })
+    }
+
+    /// The first record at a moment or after it; one after the last if there is none.
+    pub(super) fn first_at(
+        views: &Views,
+        clock: HealthClock,
+        head: u64,
+        moment_ms: i64,
+    ) -> Result<u64, StoreError> {
+        let (mut low, mut high) = (1, head + 1);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            let stamp = views.stamp(middle)?;
+            // What has no place on the clock was written by a script: before any other.
+            let place = stamp.and_then(|stamp| on_clock(clock, stamp.at_ms, stamp.wall_ms));
+            if place.is_none_or(|place| place < moment_ms) {
+                low = middle + 1;
+            } else {
+                high = middle;
+            }
+        }
+        Ok(low)
+    }
+
+    pub(super) const fn holds(&self, on_clock_ms: i64) -> bool {
+        self.from_ms <= on_clock_ms && on_clock_ms < self.until_ms
+    }
+}
+
+/// Where the machine's clock went on alone: the first record afterwards, and for how long it did, ms. A step back of the
+/// machine's clock is none.
+pub(super) fn gaps(views: &Views, span: &Span) -> Result<Vec<(Stamp, i64)>, StoreError> {
+    let mut found = Vec::new();
+    // The record before the span as well: what lies between it and the first within is a gap of this span.
+    let (first, last) = (span.first.saturating_sub(1).max(1), span.after.min(span.head));
+    let (Some(first), Some(last)) = (views.stamp(first)?, views.stamp(last)?) else { return Ok(found) };
+    let mut looks = LOOKS_MAX;
+    let mut open = vec![(first, last)];
+    while let Some((one, other)) = open.pop() {
+        let ahead = |stamp: Stamp| Some(stamp.wall_ms? - i64::try_from(stamp.at_ms).ok()?);
+        let (Some(before), Some(after)) = (ahead(one), ahead(other)) else { continue };
+        if after - before < ALONE_MS || other.seq <= one.seq || found.len() >= GAPS_MAX || looks == 0 {
+            continue;
+        }
+        if other.seq == one.seq + 1 {
+            found.push((other, after - before));
+            continue;
+        }
+        looks -= 1;
+        let Some(middle) = views.stamp(one.seq + (other.seq - one.seq) / 2)? else { continue };
+        // The later half is looked at last, so that what is found is in order once it is turned round.
+        open.push((one, middle));
+        open.push((middle, other));
+    }
+    found.sort_by_key(|(stamp, _)| stamp.seq);
+    Ok(found)
+}

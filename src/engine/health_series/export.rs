@@ -1,0 +1,226 @@
+//! A series as CSV and as SVG: for a report, a spreadsheet, or a wall.
+
+use std::fmt::Write as _;
+
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_plot::{TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};
+use holdpoint_protocol::calendar;
+use holdpoint_protocol::health::{HealthClock, HealthPoint, HealthSeries};
+use holdpoint_protocol::words::clock_time;
+use holdpoint_text::Untrusted;
+
+/// Columns of the file: a row a version and bucket, then a row a mark.
+const COLUMNS: &str = "row,start_utc,start_virtual_s,end_utc,end_virtual_s,bucket_s,family,version,tasks,succeeded,success_percent,\
+success_low_percent,success_high_percent,violated,near,time_median_s,time_p95_s,force_median_n,force_p95_n,mark,text";
+
+/// The widest text of a mark, columns.
+const TEXT_MAX: usize = 200;
+
+/// Places of the axis that are named, about.
+const TICKS: u32 = 6;
+
+/// The series as CSV, one line a row, UTF-8; times as RFC 3339 in UTC and as virtual seconds. A bucket is named by the
+/// clock the series is laid by, and by the virtual time of its first and last task.
+#[must_use]
+pub fn csv(series: &HealthSeries) -> String {
+    let mut text = format!("{COLUMNS}\n");
+    let wall = |on_clock_ms: i64| match series.clock {
+        HealthClock::Wall => calendar::rfc3339(on_clock_ms),
+        HealthClock::Virtual => String::new(),
+    };
+    let width = i64::try_from(series.bucket_ms).unwrap_or(i64::MAX);
+    for point in &series.points {
+        let start = series.start_ms(point.bucket);
+        let share = |part: f64| format!("{:.3}", 100.0 * part);
+        let fields = [
+            "tasks".to_owned(),
+            wall(start),
+            secs(point.at_ms[0]),
+            wall(start.saturating_add(width)),
+            secs(point.at_ms[1]),
+            (series.bucket_ms / 1_000).to_string(),
+            point.version.family.to_string(),
+            point.version.to_string(),
+            point.tasks.to_string(),
+            point.succeeded.to_string(),
+            share(point.succeeded as f64 / point.tasks.max(1) as f64),
+            share(point.success[0]),
+            share(point.success[1]),
+            point.violated.to_string(),
+            point.near.to_string(),
+            number(point.time_s[0]),
+            number(point.time_s[1]),
+            number(point.force_n[0]),
+            number(point.force_n[1]),
+            String::new(),
+            String::new(),
+        ];
+        let _ = writeln!(text, "{}", fields.join(","));
+    }
+    for mark in &series.marks {
+        let family = mark.family.as_ref().map_or_else(String::new, ToString::to_string);
+        let wall = mark.wall_ms.map_or_else(String::new, calendar::rfc3339);
+        let said = field(&mark.text);
+        let _ = writeln!(
+            text,
+            "mark,{wall},{},,,,{family},{},{},{said}",
+            secs(mark.at_ms),
+            ",".repeat(11),
+            mark.kind
+        );
+    }
+    text
+}
+
+/// A number with four digits; nothing where it is none.
+fn number(value: f64) -> String {
+    if value.is_finite() { format!("{value:.4}") } else { String::new() }
+}
+
+fn secs(ms: u64) -> String {
+    format!("{}.{:03}", ms / 1_000, ms % 1_000)
+}
+
+/// Foreign text as a field (RFC 4180), on one line and harmless; what a spreadsheet would compute begins with a quote.
+fn field(text: &str) -> String {
+    let safe = Untrusted::new(text).display(TEXT_MAX).into_string();
+    let formula = safe.starts_with(['=', '+', '-', '@']);
+    format!("\"{}{}\"", if formula { "'" } else { "" }, safe.replace('"', "\"\""))
+}
+
+/// A quantity of a panel: value and band of a point.
+type Quantity = fn(&HealthPoint) -> (f64, [f64; 2]);
+
+/// One family of a series as SVG; every quantity under the other, marks through all. Legible in black and white.
+#[must_use]
+pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
+    let points: Vec<&HealthPoint> =
+        series.points.iter().filter(|point| point.version.family == *family).collect();
+    let mut versions: Vec<&CapabilityId> = points.iter().map(|point| &point.version).collect();
+    versions.sort();
+    versions.dedup();
+    let panel = |title: String, quantity: Quantity, range: [f64; 2], digits| TrendPanel {
+        title,
+        range,
+        digits,
+        lines: versions
+            .iter()
+            .enumerate()
+            .map(|(style, version)| TrendLine {
+                name: version.to_string(),
+                style,
+                points: points
+                    .iter()
+                    .filter(|point| point.version == **version)
+                    .map(|point| {
+                        let (value, band) = quantity(point);
+                        TrendPoint { at: middle(series, point.bucket), step: point.bucket, value, band }
+                    })
+                    .collect(),
+            })
+            .collect(),
+    };
+    let success: Quantity = |point| {
+        let share = 100.0 * point.succeeded as f64 / point.tasks.max(1) as f64;
+        (share, point.success.map(|end| 100.0 * end))
+    };
+    let violations: Quantity = |point| {
+        let share = 100.0 * point.violated as f64 / point.tasks.max(1) as f64;
+        (share, [share, 100.0 * point.near as f64 / point.tasks.max(1) as f64])
+    };
+    let time: Quantity = |point| (point.time_s[0], point.time_s);
+    let force: Quantity = |point| (point.force_n[0], point.force_n);
+    let least = |quantity: Quantity| points.iter().map(|point| quantity(point).1[0]).fold(100.0, f64::min);
+    let most = |quantity: Quantity| points.iter().map(|point| quantity(point).1[1]).fold(0.0, f64::max);
+    // From a round number below the lowest band, so that a change of some points can be seen.
+    let low = (least(success) / 10.0).floor() * 10.0;
+    let panels = vec![
+        panel("success, % of tasks (band: 95 % interval)".to_owned(), success, [low.min(90.0), 100.0], 0),
+        panel(
+            "violations, % of tasks (band: up to those near a limit)".to_owned(),
+            violations,
+            [0.0, most(violations).max(1.0)],
+            1,
+        ),
+        panel(
+            "time of a task, s (median; band: to the 95th percentile)".to_owned(),
+            time,
+            [0.0, most(time)],
+            1,
+        ),
+        panel(
+            "largest force of a task, N (median; band: to the 95th percentile)".to_owned(),
+            force,
+            [0.0, most(force)],
+            1,
+        ),
+    ];
+    let marks =
+        series.marks.iter().filter(|mark| mark.family.is_none() || mark.family.as_ref() == Some(family));
+    let marks = marks
+        .map(|mark| {
+            let when = series.moment(mark.on_clock_ms);
+            let words = format!("{when}  {}: {}", mark.kind.words(), mark.text);
+            let words = Untrusted::new(words).display(TEXT_MAX).into_string();
+            TrendMark {
+                at: share(series, mark.on_clock_ms),
+                letter: mark.kind.letter(),
+                weight: mark.kind.weight(),
+                words,
+            }
+        })
+        .collect();
+    let (from, until) = (series.moment(series.from_ms), series.moment(series.until_ms()));
+    TrendPlot {
+        title: format!("{family}: live tasks from {from} to {until}"),
+        notes: notes
+            .iter()
+            .map(|note| Untrusted::new(note.as_str()).display(TEXT_MAX).into_string())
+            .collect(),
+        axis: match series.clock {
+            HealthClock::Wall => format!("time, UTC; a point stands for {}", width(series.bucket_ms)),
+            HealthClock::Virtual => {
+                format!("the engine's time, h:min:s; a point stands for {}", width(series.bucket_ms))
+            }
+        },
+        ticks: ticks(series),
+        panels,
+        marks,
+    }
+    .svg()
+}
+
+fn share(series: &HealthSeries, on_clock_ms: i64) -> f64 {
+    let all = series.until_ms().saturating_sub(series.from_ms).max(1);
+    on_clock_ms.saturating_sub(series.from_ms) as f64 / all as f64
+}
+
+fn middle(series: &HealthSeries, bucket: u32) -> f64 {
+    (f64::from(bucket) + 0.5) / f64::from(series.buckets.max(1))
+}
+
+/// Beginnings of buckets, about so many, evenly.
+fn ticks(series: &HealthSeries) -> Vec<(f64, String)> {
+    let step = series.buckets.div_ceil(TICKS).max(1);
+    let places = (0..=series.buckets).step_by(usize::try_from(step).unwrap_or(1));
+    places
+        .map(|bucket| {
+            let ms = series.start_ms(bucket);
+            let words = match series.clock {
+                HealthClock::Wall if series.bucket_ms >= 43_200_000 => calendar::date(ms),
+                HealthClock::Wall => format!("{} {}", calendar::date(ms), calendar::time(ms)),
+                HealthClock::Virtual => clock_time(u64::try_from(ms).unwrap_or(0)),
+            };
+            (share(series, ms), words)
+        })
+        .collect()
+}
+
+/// The width of a bucket in words.
+fn width(ms: u64) -> String {
+    match ms / 1_000 {
+        secs @ 0..3_600 => format!("{} min", secs / 60),
+        secs @ 3_600..86_400 => format!("{} h", secs / 3_600),
+        secs => format!("{} d", secs / 86_400),
+    }
+}

@@ -1,0 +1,340 @@
+//! What happened beside the tasks: versions that changed places, alarms, drifts, stops, and who was at work at all.
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use holdpoint_governance::alarms::{AlarmKey, AlarmKind};
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::monitor::MonitorAction;
+use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
+use holdpoint_governance::words::Word;
+use holdpoint_protocol::health::{AlarmSpell, AlarmStep, HealthCoverage, HealthMark, MarkKind, stretch};
+use holdpoint_registry::{AuditFilter, StoreError, Views};
+
+use super::clock::{Span, gaps, on_clock};
+
+/// The most marks of one answer.
+const MARKS_MAX: usize = 400;
+
+/// The most records of one kind that are read for them, the newest.
+const RECORDS_MAX: usize = 2_000;
+
+/// Kinds of records that may be a mark.
+const KINDS: [RecordKind; 12] = [
+    RecordKind::ActiveSet,
+    RecordKind::StateSet,
+    RecordKind::AuditClosed,
+    RecordKind::Monitor,
+    RecordKind::BreakGlass,
+    RecordKind::Drift,
+    RecordKind::LiveFault,
+    RecordKind::CellStopped,
+    RecordKind::CellReleased,
+    RecordKind::GoalSet,
+    RecordKind::ContextSet,
+    RecordKind::Commissioned,
+];
+
+#[derive(Deserialize)]
+struct Body<T> {
+    change: T,
+}
+
+#[derive(Deserialize)]
+struct ActiveSet {
+    family: Family,
+    active: Option<CapabilityId>,
+    cause: CauseBody,
+}
+
+#[derive(Deserialize)]
+struct CauseBody {
+    cause: Word<ActivationCause>,
+}
+
+#[derive(Deserialize)]
+struct StateSet {
+    to: State,
+    #[serde(default)]
+    reason: String,
+}
+
+#[derive(Deserialize)]
+struct Closed {
+    outcome: Word<UpgradeEnd>,
+}
+
+#[derive(Deserialize)]
+struct Acted {
+    action: Word<MonitorAction>,
+    #[serde(default)]
+    reasons: Vec<Said>,
+}
+
+#[derive(Deserialize)]
+struct Said {
+    text: String,
+}
+
+#[derive(Deserialize)]
+struct Drifted {
+    kind: Option<String>,
+    #[serde(default)]
+    magnitude: String,
+}
+
+/// Whose act a record tells, as far as it says.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct ByPerson {
+    by: String,
+    reason: String,
+    goal: String,
+    fault: Value,
+}
+
+/// Every mark that a record makes, but for alarms; in no order yet.
+pub(super) fn read(
+    views: &Views,
+    span: &Span,
+    coverage: &mut HealthCoverage,
+) -> Result<Vec<HealthMark>, StoreError> {
+    let mut marks = Vec::new();
+    for kind in KINDS {
+        let filter = AuditFilter {
+            from_seq: span.first,
+            before_seq: Some(span.after),
+            kind: Some(kind),
+            limit: RECORDS_MAX,
+            newest_first: true,
+            ..AuditFilter::default()
+        };
+        let records = views.audit(&filter)?;
+        if records.len() >= RECORDS_MAX {
+            let all = views.numbers_of(kind, span.first, span.after)?.len();
+            coverage.marks_left_off += all.saturating_sub(records.len()) as u64;
+        }
+        marks.extend(records.iter().filter_map(|record| {
+            let wall_ms = (record.wall_ms > 0).then_some(record.wall_ms);
+            let on_clock_ms = on_clock(span.clock, record.at_ms, wall_ms)?;
+            let (kind, family, text) = told(kind, record)?;
+            Some(HealthMark {
+                kind,
+                on_clock_ms,
+                at_ms: record.at_ms,
+                wall_ms,
+                family,
+                text,
+                record: record.seq,
+            })
+        }));
+    }
+    for (stamp, alone_ms) in gaps(views, span)? {
+        let Some(on_clock_ms) = on_clock(span.clock, stamp.at_ms, stamp.wall_ms) else { continue };
+        let text = format!(
+            "no engine was at work for {} before this, or the machine slept",
+            stretch(u64::try_from(alone_ms).unwrap_or(0))
+        );
+        marks.push(HealthMark {
+            kind: MarkKind::EngineOff,
+            on_clock_ms,
+            at_ms: stamp.at_ms,
+            wall_ms: stamp.wall_ms,
+            family: None,
+            text,
+            record: stamp.seq,
+        });
+    }
+    Ok(marks)
+}
+
+/// Marks of alarms: what was raised in the span, and what a person closed. What has a mark of its own is left out.
+pub(super) fn of_alarms(span: &Span, alarms: &[AlarmSpell]) -> Vec<HealthMark> {
+    let mut marks = Vec::new();
+    for spell in alarms {
+        let Ok(key) = spell.alarm.parse::<AlarmKey>() else { continue };
+        let kind = match key.kind() {
+            AlarmKind::Degraded | AlarmKind::Shifted | AlarmKind::CellDegraded => MarkKind::DriftAlarm,
+            AlarmKind::RolledBack
+            | AlarmKind::Restricted
+            | AlarmKind::Rejected
+            | AlarmKind::Approval
+            | AlarmKind::Unreviewed => continue,
+            AlarmKind::Escalated
+            | AlarmKind::Violation
+            | AlarmKind::WeakRecovery
+            | AlarmKind::SafeStopped
+            | AlarmKind::NotRecovered
+            | AlarmKind::KeptFalse
+            | AlarmKind::TelemetryMissed
+            | AlarmKind::CheckpointFailed
+            | AlarmKind::EngineFault => MarkKind::AlarmRaised,
+        };
+        let family = family_of(&key);
+        let text = spell.text.as_ref().map_or_else(|| spell.alarm.clone(), Clone::clone);
+        let mut push = |kind, step: &AlarmStep, text: String| {
+            if let Some(on_clock_ms) = on_clock(span.clock, step.at_ms, step.wall_ms) {
+                let family = family.clone();
+                let (at_ms, wall_ms) = (step.at_ms, step.wall_ms);
+                marks.push(HealthMark { kind, on_clock_ms, at_ms, wall_ms, family, text, record: 0 });
+            }
+        };
+        push(kind, &spell.raised, text);
+        if let Some(reset) = &spell.reset {
+            let by = reset.by.as_deref().unwrap_or("somebody");
+            let why = reset.reason.as_deref().unwrap_or("");
+            push(MarkKind::AlarmReset, reset, format!("{} closed by {by}: {why}", spell.alarm));
+        }
+    }
+    marks
+}
+
+/// Marks within the span, in order; of too many those that weigh least are left off, the oldest first.
+pub(super) fn bounded(
+    mut marks: Vec<HealthMark>,
+    span: &Span,
+    coverage: &mut HealthCoverage,
+) -> Vec<HealthMark> {
+    marks.retain(|mark| span.holds(mark.on_clock_ms));
+    if marks.len() > MARKS_MAX {
+        coverage.marks_left_off += (marks.len() - MARKS_MAX) as u64;
+        marks.sort_by_key(|mark| (mark.kind.weight(), std::cmp::Reverse(mark.on_clock_ms)));
+        marks.truncate(MARKS_MAX);
+    }
+    marks.sort_by_key(|mark| (mark.on_clock_ms, mark.record, mark.kind.weight()));
+    marks
+}
+
+fn family_of(key: &AlarmKey) -> Option<Family> {
+    match key {
+        AlarmKey::RolledBack(version)
+        | AlarmKey::Escalated(version)
+        | AlarmKey::Restricted(version)
+        | AlarmKey::Violation(version)
+        | AlarmKey::Degraded(version)
+        | AlarmKey::WeakRecovery(version)
+        | AlarmKey::Shifted(version)
+        | AlarmKey::Rejected(version)
+        | AlarmKey::Approval(version)
+        | AlarmKey::Unreviewed(version) => Some(version.family.clone()),
+        AlarmKey::SafeStopped(family) | AlarmKey::NotRecovered(family) => Some(family.clone()),
+        AlarmKey::CellDegraded
+        | AlarmKey::KeptFalse
+        | AlarmKey::TelemetryMissed
+        | AlarmKey::CheckpointFailed
+        | AlarmKey::EngineFault => None,
+    }
+}
+
+/// What a record is as a mark; `None` if it is none, or cannot be read.
+fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Family>, String)> {
+    let version = record.subject.parse::<CapabilityId>().ok();
+    let family = version.as_ref().map(|version| version.family.clone());
+    let person = || serde_json::from_str::<ByPerson>(&record.body).unwrap_or_default();
+    Some(match kind {
+        RecordKind::ActiveSet => {
+            let ActiveSet { family, active, cause } = change(record)?;
+            let (kind, text) = match (cause.cause.known()?, active) {
+                (ActivationCause::Gate, Some(version)) => {
+                    (MarkKind::Promotion, format!("{version} took over"))
+                }
+                (ActivationCause::Bootstrap, Some(version)) => {
+                    (MarkKind::FirstVersion, format!("{version} is the first of its family"))
+                }
+                (ActivationCause::Restore, Some(version)) => {
+                    (MarkKind::Restored, format!("{version} took over again"))
+                }
+                (ActivationCause::Rearm, Some(version)) => {
+                    (MarkKind::Restored, format!("{version} was made active again by a person"))
+                }
+                (_, None) | (ActivationCause::Vacate, _) => {
+                    (MarkKind::Vacated, format!("{family} has no active version"))
+                }
+            };
+            (kind, Some(family), text)
+        }
+        RecordKind::StateSet => {
+            let StateSet { to, reason } = change(record)?;
+            let kind = match to {
+                State::RolledBack => MarkKind::Rollback,
+                State::Demoted => MarkKind::Demotion,
+                State::Registered
+                | State::Validated
+                | State::Sandboxed
+                | State::Shadowed
+                | State::Active
+                | State::Superseded
+                | State::Rejected => return None,
+            };
+            (kind, family, format!("{}: {reason}", record.subject))
+        }
+        RecordKind::AuditClosed => {
+            let Closed { outcome } = serde_json::from_str(&record.body).ok()?;
+            if outcome != UpgradeEnd::Confirmed {
+                return None;
+            }
+            (MarkKind::Confirmed, family, format!("{} was confirmed", record.subject))
+        }
+        RecordKind::Monitor => {
+            let Acted { action, reasons } = serde_json::from_str(&record.body).ok()?;
+            if action != MonitorAction::Restrict {
+                return None;
+            }
+            let why = reasons.into_iter().next().map_or_else(String::new, |reason| reason.text);
+            (MarkKind::Restriction, family, format!("{}: {why}", record.subject))
+        }
+        RecordKind::BreakGlass => {
+            (MarkKind::BreakGlass, family, by_whom(&format!("let {} in alone", record.subject), &person()))
+        }
+        RecordKind::Drift => {
+            let Drifted { kind, magnitude } = serde_json::from_str(&record.body).ok()?;
+            let text = kind.map_or_else(
+                || "the drift of the cell ended".to_owned(),
+                |kind| format!("{kind} {magnitude} set in in the simulated cell"),
+            );
+            (MarkKind::Drift, None, text)
+        }
+        RecordKind::LiveFault => {
+            let text = match person().fault {
+                Value::String(fault) => format!("{fault} in the simulated cell"),
+                Value::Null => "the fault of the simulated cell was mended".to_owned(),
+                other => format!("{other} in the simulated cell"),
+            };
+            (MarkKind::LiveFault, None, text)
+        }
+        RecordKind::CellStopped => (MarkKind::Stopped, None, by_whom("stopped the cell", &person())),
+        RecordKind::CellReleased => (MarkKind::Released, None, by_whom("let the cell work", &person())),
+        RecordKind::GoalSet => {
+            let said = person();
+            (MarkKind::Goal, None, by_whom(&format!("set the goal {}", said.goal), &said))
+        }
+        RecordKind::ContextSet => {
+            let change: Value = change(record)?;
+            let profile = change.get("profile").and_then(Value::as_str).unwrap_or("unknown").to_owned();
+            (MarkKind::Context, None, format!("judged under the profile {profile} from here on"))
+        }
+        RecordKind::Commissioned => {
+            let body: Value = serde_json::from_str(&record.body).ok()?;
+            let number = |name: &str| body.get("normal")?.get(name)?.as_f64();
+            let (tasks, failures) = (number("tasks")?, number("failures")?);
+            let force_n = number("peak_force_n")?;
+            let who = body.get("version").and_then(Value::as_str).unwrap_or(&record.subject).to_owned();
+            let text = format!(
+                "normal for {who}: {:.0} of {tasks:.0} tasks done, at most {force_n:.1} N",
+                tasks - failures
+            );
+            (MarkKind::Commissioned, Family::new(record.subject.as_str()).ok(), text)
+        }
+        _ => return None,
+    })
+}
+
+fn by_whom(what: &str, said: &ByPerson) -> String {
+    let who = if said.by.is_empty() { "somebody" } else { &said.by };
+    if said.reason.is_empty() { format!("{who} {what}") } else { format!("{who} {what}: {}", said.reason) }
+}
+
+fn change<T: for<'de> Deserialize<'de>>(record: &AuditRecord) -> Option<T> {
+    serde_json::from_str::<Body<T>>(&record.body).ok().map(|body| body.change)
+}

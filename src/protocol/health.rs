@@ -1,0 +1,495 @@
+//! Health over time: what live tasks came to, bucket by bucket, what happened beside them, and whether it is better or
+//! worse since a moment.
+//!
+//! Plain values that the engine's reader computes (`health_series.rs` there) and every front end shows. What is not on
+//! record is not here: a bucket without a task is absent, never zero, and nothing is interpolated.
+
+mod course;
+mod verdict;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::calendar;
+use super::words::clock_time;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::stats::{difference, wilson};
+
+pub use self::course::{AlarmSpell, AlarmStep, stretch};
+pub use self::verdict::{Half, Trend, Verdict};
+
+/// The most buckets of one answer.
+pub const BUCKETS_MAX: u16 = 480;
+
+/// The narrowest bucket, ms: a minute.
+pub const BUCKET_MS_MIN: u64 = 60_000;
+
+/// The widest bucket, ms: a day.
+pub const BUCKET_MS_MAX: u64 = 86_400_000;
+
+/// Widths of buckets that are offered, ms, the narrowest first.
+pub const BUCKET_WIDTHS_MS: [u64; 10] = [
+    60_000, 300_000, 900_000, 1_800_000, 3_600_000, 7_200_000, 14_400_000, 28_800_000, 43_200_000, 86_400_000,
+];
+
+/// Level of every interval here.
+pub const LEVEL: f64 = 0.95;
+
+holdpoint_governance::words! {
+    /// By which clock buckets are laid.
+    HealthClock, "clock", {
+        /// The machine's, in UTC.
+        Wall = "wall",
+        /// The engine's own.
+        Virtual = "virtual",
+    }
+}
+
+holdpoint_governance::words! {
+    /// What happened beside the tasks.
+    MarkKind, "kind of mark", {
+        /// A candidate passed the gate and took over.
+        Promotion = "promotion",
+        /// The upgrade was confirmed: no longer provisional.
+        Confirmed = "confirmed",
+        /// A version was taken off and never runs again.
+        Rollback = "rollback",
+        /// A version was sent back to evaluation.
+        Demotion = "demotion",
+        /// An earlier version took over again.
+        Restored = "restored",
+        /// A family has no active version any more.
+        Vacated = "vacated",
+        /// The first version of a family took over.
+        FirstVersion = "first-version",
+        /// A version works under a tighter envelope.
+        Restriction = "restriction",
+        /// One person let a version in by the emergency door.
+        BreakGlass = "break-glass",
+        /// A task showed what a family or the cell is not: degraded, shifted, out of tune.
+        DriftAlarm = "drift-alarm",
+        /// Another alarm was raised.
+        AlarmRaised = "alarm-raised",
+        /// A person closed an alarm with a reason.
+        AlarmReset = "alarm-reset",
+        /// A drift of the simulated cell set in, or ended.
+        Drift = "drift",
+        /// Something in the simulated cell broke, or was mended.
+        LiveFault = "live-fault",
+        /// A person stopped the cell.
+        Stopped = "stopped",
+        /// A person let it work again.
+        Released = "released",
+        /// The agent was given another goal.
+        Goal = "goal",
+        /// Profile, policy or thresholds came into force.
+        Context = "context",
+        /// What is normal for a family was counted.
+        Commissioned = "commissioned",
+        /// No engine was at work, or the machine slept: the machine's clock went on alone.
+        EngineOff = "engine-off",
+    }
+}
+
+impl MarkKind {
+    /// The letter that stands for it on a line.
+    #[must_use]
+    pub const fn letter(self) -> char {
+        match self {
+            Self::Promotion => 'P',
+            Self::Confirmed => 'c',
+            Self::Rollback => 'R',
+            Self::Demotion => 'D',
+            Self::Restored => 'r',
+            Self::Vacated => 'V',
+            Self::FirstVersion => 'f',
+            Self::Restriction => 't',
+            Self::BreakGlass => 'E',
+            Self::DriftAlarm => '!',
+            Self::AlarmRaised => 'a',
+            Self::AlarmReset => 'z',
+            Self::Drift => 'd',
+            Self::LiveFault => 'F',
+            Self::Stopped => 'X',
+            Self::Released => 'W',
+            Self::Goal => 'g',
+            Self::Context => 'p',
+            Self::Commissioned => 'n',
+            Self::EngineOff => 'o',
+        }
+    }
+
+    /// Which of several at one place is shown: the smaller number first.
+    #[must_use]
+    pub const fn weight(self) -> u8 {
+        match self {
+            Self::Rollback | Self::Vacated | Self::BreakGlass => 0,
+            Self::Demotion | Self::Promotion | Self::Stopped => 1,
+            Self::DriftAlarm | Self::Restriction => 2,
+            Self::Drift | Self::LiveFault | Self::Restored => 3,
+            Self::Confirmed | Self::Released | Self::EngineOff => 4,
+            Self::AlarmRaised | Self::AlarmReset => 5,
+            Self::FirstVersion | Self::Goal | Self::Context | Self::Commissioned => 6,
+        }
+    }
+
+    /// What it is, in words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Promotion => "promotion",
+            Self::Confirmed => "confirmed",
+            Self::Rollback => "rollback",
+            Self::Demotion => "demotion",
+            Self::Restored => "restored",
+            Self::Vacated => "no active version",
+            Self::FirstVersion => "first version",
+            Self::Restriction => "restriction",
+            Self::BreakGlass => "emergency door",
+            Self::DriftAlarm => "drift alarm",
+            Self::AlarmRaised => "alarm",
+            Self::AlarmReset => "alarm reset",
+            Self::Drift => "drift",
+            Self::LiveFault => "fault of the cell",
+            Self::Stopped => "cell stopped",
+            Self::Released => "cell let go",
+            Self::Goal => "goal",
+            Self::Context => "profile",
+            Self::Commissioned => "commissioned",
+            Self::EngineOff => "no engine",
+        }
+    }
+}
+
+/// What is asked of the record.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HealthAsked {
+    /// By which clock; absent for the machine's, where the record has it.
+    #[serde(default)]
+    pub clock: Option<HealthClock>,
+    /// End of the last bucket on that clock, ms; absent for the end of the bucket that now lies in, or the end of the record
+    /// where no engine is at work. Buckets that are laid so begin at whole multiples of their width.
+    #[serde(default)]
+    pub until_ms: Option<i64>,
+    /// Alarms alone: no task is counted, and no mark is made.
+    #[serde(default)]
+    pub only_alarms: bool,
+    /// Width of a bucket, ms: [`BUCKET_MS_MIN`] to [`BUCKET_MS_MAX`].
+    pub bucket_ms: u64,
+    /// How many buckets: 1 to [`BUCKETS_MAX`].
+    pub buckets: u16,
+}
+
+impl HealthAsked {
+    /// What is wrong with it, one sentence; `None` if nothing is.
+    #[must_use]
+    pub fn problem(&self) -> Option<String> {
+        if !(BUCKET_MS_MIN..=BUCKET_MS_MAX).contains(&self.bucket_ms) {
+            return Some(format!(
+                "a bucket of {} ms is not allowed; {BUCKET_MS_MIN} (a minute) to {BUCKET_MS_MAX} (a day) are",
+                self.bucket_ms
+            ));
+        }
+        (!(1..=BUCKETS_MAX).contains(&self.buckets))
+            .then(|| format!("{} buckets are not allowed; 1 to {BUCKETS_MAX} are", self.buckets))
+    }
+}
+
+/// What the live tasks of one version came to in one bucket. There is at least one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HealthPoint {
+    /// The version that worked.
+    pub version: CapabilityId,
+    /// Which bucket, from 0.
+    pub bucket: u32,
+    /// Live tasks.
+    pub tasks: u64,
+    /// Of these, found done by the inspection after the task.
+    pub succeeded: u64,
+    /// Share of success that is borne out at 95 %: Wilson's interval.
+    pub success: [f64; 2],
+    /// Tasks with a violation: a measured quantity past its limit, or a denial by the guard.
+    pub violated: u64,
+    /// Tasks with a violation or a value near its limit.
+    pub near: u64,
+    /// Median and 95th percentile of the tasks' time, s.
+    pub time_s: [f64; 2],
+    /// Median and 95th percentile of the tasks' largest force, N.
+    pub force_n: [f64; 2],
+    /// Virtual time at the end of the first and the last of the tasks, ms.
+    pub at_ms: [u64; 2],
+}
+
+/// Something that happened beside the tasks.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct HealthMark {
+    /// What it was.
+    pub kind: MarkKind,
+    /// When, on the clock of the series, ms.
+    pub on_clock_ms: i64,
+    /// Virtual time, ms.
+    pub at_ms: u64,
+    /// The machine's time, ms since 1970; absent in scripts.
+    pub wall_ms: Option<i64>,
+    /// The family it is about; absent if it is about the cell.
+    pub family: Option<Family>,
+    /// One sentence: what, about whom, by whom and why, as the record has it.
+    pub text: String,
+    /// The record that tells it.
+    pub record: u64,
+}
+
+/// What the numbers rest on, and what is left out of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct HealthCoverage {
+    /// Live tasks that are counted.
+    pub tasks: u64,
+    /// Sealed blocks of telemetry that lie in what was asked for.
+    pub blocks: u64,
+    /// Of these, read. Fewer than all is a sample, spread evenly: nothing else is left out unsaid.
+    pub blocks_read: u64,
+    /// Tasks that a person stopped in their midst, or that came to nothing because simulator or body failed.
+    pub not_judged: u64,
+    /// Batches that were sealed and are not there: removed for age, or missing.
+    pub removed: u64,
+    /// Batches that were sealed only after their engine had ended.
+    pub late: u64,
+    /// Batches that are not what the chain seals, or cannot be read.
+    pub damaged: u64,
+    /// Tasks of which no machine's time is known; the machine's clock has no place for them.
+    pub without_wall: u64,
+    /// Marks that are left off, the oldest of those that weigh least.
+    pub marks_left_off: u64,
+    /// Changes of alarms that are left off, the oldest.
+    pub alarms_left_off: u64,
+}
+
+impl HealthCoverage {
+    /// Whether only a part of what was asked for was read.
+    #[must_use]
+    pub const fn is_sample(&self) -> bool {
+        self.blocks_read < self.blocks
+    }
+
+    /// What is left out, one sentence each; nothing if everything is there.
+    #[must_use]
+    pub fn sentences(&self) -> Vec<String> {
+        let mut said = Vec::new();
+        if self.is_sample() {
+            said.push(format!(
+                "a sample: {} of {} sealed blocks of telemetry were read, spread evenly; a shorter span is read whole",
+                self.blocks_read, self.blocks
+            ));
+        }
+        for (count, what) in [
+            (self.not_judged, "tasks were stopped by a person or came to nothing"),
+            (self.removed, "batches are not there any more, removed for age or missing"),
+            (self.late, "batches were sealed only after their engine had ended"),
+            (self.damaged, "batches are not what the audit chain seals: see `holdpoint audit verify`"),
+            (self.without_wall, "tasks have no time of the machine's clock"),
+            (self.marks_left_off, "older marks are left off"),
+            (self.alarms_left_off, "older changes of alarms are left off"),
+        ] {
+            if count > 0 {
+                said.push(format!("in no number: {count} {what}"));
+            }
+        }
+        said
+    }
+}
+
+/// The health of every family over a span of time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HealthSeries {
+    /// By which clock the buckets are laid.
+    pub clock: HealthClock,
+    /// Beginning of the first bucket on that clock, ms.
+    pub from_ms: i64,
+    /// Width of a bucket, ms.
+    pub bucket_ms: u64,
+    /// How many buckets there are, empty ones included.
+    pub buckets: u32,
+    /// Virtual time of the last record when this was read, ms.
+    pub last_at_ms: u64,
+    /// The machine's time of the last record, ms since 1970; absent in scripts.
+    pub last_wall_ms: Option<i64>,
+    /// Every version and bucket with a task, by family, bucket and version.
+    pub points: Vec<HealthPoint>,
+    /// What happened beside them, in order.
+    pub marks: Vec<HealthMark>,
+    /// The alarms that changed, the newest first.
+    pub alarms: Vec<AlarmSpell>,
+    /// What the numbers rest on.
+    pub coverage: HealthCoverage,
+}
+
+impl HealthSeries {
+    /// Beginning of a bucket on the clock, ms.
+    #[must_use]
+    pub fn start_ms(&self, bucket: u32) -> i64 {
+        let width = i64::try_from(self.bucket_ms).unwrap_or(i64::MAX);
+        self.from_ms.saturating_add(width.saturating_mul(i64::from(bucket)))
+    }
+
+    /// End of the last bucket on the clock, ms.
+    #[must_use]
+    pub fn until_ms(&self) -> i64 {
+        self.start_ms(self.buckets)
+    }
+
+    /// The bucket of a moment on the clock; `None` if it lies outside.
+    #[must_use]
+    pub fn bucket_of(&self, on_clock_ms: i64) -> Option<u32> {
+        let passed = u64::try_from(on_clock_ms.checked_sub(self.from_ms)?).ok()?;
+        let bucket = u32::try_from(passed / self.bucket_ms.max(1)).ok()?;
+        (bucket < self.buckets).then_some(bucket)
+    }
+
+    /// Families with a task, by name.
+    #[must_use]
+    pub fn families(&self) -> Vec<Family> {
+        let mut families: Vec<Family> = Vec::new();
+        for point in &self.points {
+            if families.last() != Some(&point.version.family) && !families.contains(&point.version.family) {
+                families.push(point.version.family.clone());
+            }
+        }
+        families.sort();
+        families
+    }
+
+    /// What a family's versions came to in a bucket.
+    pub fn at<'a>(
+        &'a self,
+        family: &'a Family,
+        bucket: u32,
+    ) -> impl Iterator<Item = &'a HealthPoint> + use<'a> {
+        self.points.iter().filter(move |point| point.bucket == bucket && point.version.family == *family)
+    }
+
+    /// What happened in a bucket to a family, or to the cell.
+    pub fn marks_in<'a>(
+        &'a self,
+        family: Option<&'a Family>,
+        bucket: u32,
+    ) -> impl Iterator<Item = &'a HealthMark> + use<'a> {
+        self.marks.iter().filter(move |mark| {
+            self.bucket_of(mark.on_clock_ms) == Some(bucket)
+                && (family.is_none() || mark.family.is_none() || mark.family.as_ref() == family)
+        })
+    }
+
+    /// A moment on the clock in words.
+    #[must_use]
+    pub fn moment(&self, on_clock_ms: i64) -> String {
+        match self.clock {
+            HealthClock::Wall => calendar::moment(on_clock_ms),
+            HealthClock::Virtual => clock_time(u64::try_from(on_clock_ms).unwrap_or(0)),
+        }
+    }
+
+    /// Whether a family is better or worse since the beginning of a bucket, than in as much of the span as lies before it.
+    #[must_use]
+    pub fn verdict(&self, family: &Family, bucket: u32) -> Verdict {
+        let mut halves = [Half::default(), Half::default()];
+        for point in self.points.iter().filter(|point| point.version.family == *family) {
+            let [before, since] = &mut halves;
+            let half = if point.bucket < bucket { before } else { since };
+            half.tasks += point.tasks;
+            half.succeeded += point.succeeded;
+            half.violated += point.violated;
+            *half.versions.entry(point.version.clone()).or_default() += point.tasks;
+        }
+        let [before, since] = halves;
+        let counts = |half: &Half| (half.succeeded, half.tasks);
+        let interval = difference(counts(&before), counts(&since), LEVEL).ok();
+        Verdict {
+            family: family.clone(),
+            moment: self.moment(self.start_ms(bucket)),
+            sampled: self.coverage.is_sample(),
+            before,
+            since,
+            interval,
+        }
+    }
+}
+
+/// Success of all versions of a family in one bucket: tasks, done, and the interval of their share.
+#[must_use]
+pub fn together<'a>(points: impl Iterator<Item = &'a HealthPoint>) -> Option<(u64, u64, [f64; 2])> {
+    let (tasks, done) =
+        points.fold((0, 0), |(tasks, done), point| (tasks + point.tasks, done + point.succeeded));
+    let interval = wilson(done, tasks, LEVEL).ok()?;
+    Some((tasks, done, [interval.lower, interval.upper]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(version: &str, bucket: u32, tasks: u64, succeeded: u64) -> HealthPoint {
+        HealthPoint {
+            version: version.parse().unwrap(),
+            bucket,
+            tasks,
+            succeeded,
+            success: [0.0, 1.0],
+            violated: 0,
+            near: 0,
+            time_s: [4.0, 5.0],
+            force_n: [10.0, 20.0],
+            at_ms: [0, 1],
+        }
+    }
+
+    fn series(points: Vec<HealthPoint>) -> HealthSeries {
+        HealthSeries {
+            clock: HealthClock::Wall,
+            from_ms: 1_794_902_400_000,
+            bucket_ms: 3_600_000,
+            buckets: 24,
+            last_at_ms: 0,
+            last_wall_ms: None,
+            points,
+            marks: Vec::new(),
+            alarms: Vec::new(),
+            coverage: HealthCoverage::default(),
+        }
+    }
+
+    #[test]
+    fn a_verdict_says_which_way_by_how_much_and_how_sure() {
+        let worse = series(vec![point("grasp@1.0.0", 3, 810, 761), point("grasp@1.0.0", 8, 340, 300)]);
+        let grasp = Family::new("grasp").unwrap();
+        let said = worse.verdict(&grasp, 8);
+        assert_eq!(said.trend(), Trend::Worse);
+        assert_eq!(
+            said.sentence(),
+            "success of grasp since Tue 17 Nov 16:00: 88.2 % of 340, before 94.0 % of 810: worse by 5.7 points \
+             [2.2, 9.8]"
+        );
+        assert_eq!(said.confounding(), None);
+        let same = series(vec![point("grasp@1.0.0", 3, 81, 76), point("grasp@1.1.0", 8, 34, 30)]);
+        let said = same.verdict(&grasp, 8);
+        assert_eq!(said.trend(), Trend::NotShown);
+        assert!(said.sentence().contains("no difference shown, -5.6 points ["), "{}", said.sentence());
+        let confounded = said.confounding().unwrap();
+        assert!(confounded.contains("before grasp@1.0.0 (81), since grasp@1.1.0 (34)"), "{confounded}");
+        let none = series(vec![point("grasp@1.0.0", 3, 81, 76)]).verdict(&grasp, 8);
+        assert_eq!(none.trend(), Trend::NoData);
+        assert!(none.sentence().ends_with("no task on record, before 93.8 % of 81"), "{}", none.sentence());
+    }
+
+    #[test]
+    fn buckets_have_their_places_and_every_mark_its_own_letter() {
+        let series = series(Vec::new());
+        assert_eq!(series.bucket_of(series.from_ms), Some(0));
+        assert_eq!(series.bucket_of(series.from_ms - 1), None);
+        assert_eq!(series.bucket_of(series.until_ms()), None);
+        assert_eq!(series.bucket_of(series.until_ms() - 1), Some(23));
+        assert_eq!(series.bucket_of(i64::MIN), None);
+        let letters: std::collections::BTreeSet<char> = MarkKind::ALL.map(MarkKind::letter).into();
+        assert_eq!(letters.len(), MarkKind::ALL.len());
+    }
+}

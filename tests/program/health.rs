@@ -1,0 +1,139 @@
+//! `holdpoint health` on a store whose tasks are counted a second time with SQL, and the engine's clock over a sudden end.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use holdpoint::engine::door::Client;
+use holdpoint::protocol::command::{Command as Ask, Reply};
+use holdpoint::registry::Layout;
+use rusqlite::Connection;
+use serde_json::Value;
+
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_mins(1);
+
+fn holdpoint(arguments: &[&str], data: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+/// A store of an earlier version with twenty live tasks of two versions; a script's, so that it knows no machine's time.
+fn store() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/store-4831bf5/store");
+    for file in ["holdpoint.db", "telemetry.db"] {
+        fs::copy(from.join(file), folder.path().join(file)).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn tasks_marks_and_verdicts_are_what_the_store_holds() {
+    let folder = store();
+    let data = folder.path();
+    let sql = Connection::open(data.join("telemetry.db")).unwrap();
+    let count = |sql_text: &str| sql.query_row(sql_text, [], |row| row.get::<_, u64>(0)).unwrap();
+    let tasks = count("SELECT count(*) FROM batch WHERE stream = 'live'");
+    let done = count("SELECT count(*) FROM batch WHERE stream = 'live' AND body LIKE '%\"success\":true,%'");
+    let found = holdpoint(&["health", "--json", "--since", "@1"], data);
+    assert!(found.status.success(), "{}", said(&found));
+    let found: Value = serde_json::from_slice(&found.stdout).unwrap();
+    assert_eq!(found["clock"], "virtual");
+    let points = found["points"].as_array().unwrap();
+    let sum = |field: &str| points.iter().map(|point| point[field].as_u64().unwrap()).sum::<u64>();
+    assert_eq!((sum("tasks"), sum("succeeded")), (tasks, done), "{found}");
+    let kinds: Vec<&str> =
+        found["marks"].as_array().unwrap().iter().map(|mark| mark["kind"].as_str().unwrap()).collect();
+    assert!(kinds.contains(&"promotion") && kinds.contains(&"first-version"), "{kinds:?}");
+    let (csv, svg) = (data.join("week.csv"), data.join("week.svg"));
+    let paths = [csv.to_str().unwrap(), svg.to_str().unwrap()];
+    let asked = ["health", "--family", "align", "--csv", paths[0], "--svg", paths[1]];
+    let shown = said(&holdpoint(&asked, data));
+    assert!(shown.contains("success of align since") && shown.contains("P 00:"), "{shown}");
+    assert!(
+        fs::read_to_string(&svg).unwrap().contains("<svg") && fs::read_to_string(&csv).unwrap().len() > 200
+    );
+    // No file is written over.
+    let again = holdpoint(&asked, data);
+    assert_eq!((again.status.code(), said(&again).contains("cannot write")), (Some(2), true));
+    let courses = said(&holdpoint(&["alarms", "--history", "--courses"], data));
+    assert!(courses.contains("raised by the engine") && courses.contains("has stood for"), "{courses}");
+}
+
+#[test]
+fn what_cannot_be_asked_is_one_sentence() {
+    let folder = store();
+    for (asked, word) in [
+        (vec!["--since", "soon"], "no moment; allowed"),
+        (vec!["--since", "tuesday"], "no time of the machine's clock"),
+        (vec!["--since", "@9999999"], "there is no time between"),
+        (vec!["--since", "@10", "--until", "@5"], "there is no time between"),
+        (vec!["--since", "@1", "--until", "2026-11-17"], "moments of two clocks"),
+        (vec!["--bucket", "1s"], "no width of a bucket"),
+        (vec!["--bucket", "2d"], "no width of a bucket"),
+        (vec!["--family", "No Family"], "No Family"),
+    ] {
+        let output = holdpoint(&[&["health"], asked.as_slice()].concat(), folder.path());
+        let told = said(&output);
+        assert_eq!(output.status.code(), Some(2), "{asked:?}: {told}");
+        assert!(told.contains(word) && !told.contains("panicked"), "{asked:?}: {told}");
+    }
+    let nothing = tempfile::tempdir().unwrap();
+    assert_eq!(holdpoint(&["health"], nothing.path()).status.code(), Some(2));
+}
+
+/// An engine at work; it does not outlive the test.
+struct Service(Child);
+
+impl Service {
+    fn start(data: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+        command.args(["serve", "--jobs", "1", "--quiet", "--data"]).arg(data);
+        Self(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        drop(self.0.kill());
+        drop(self.0.wait());
+    }
+}
+
+/// The engine's time as soon as it is at least this.
+fn time_from(data: &Path, at_least_ms: u64) -> u64 {
+    let until = Instant::now() + PATIENCE;
+    let layout = Layout::new(data);
+    loop {
+        assert!(Instant::now() < until, "the engine says no time from {at_least_ms} ms on");
+        let Ok(Some(mut client)) = Client::connect(&layout) else { continue };
+        let Ok(Reply::Snapshot { snapshot }) = client.ask(Ask::Snapshot) else { continue };
+        if snapshot.reading.is_none() && snapshot.at_ms >= at_least_ms {
+            assert!(snapshot.wall_ms.unwrap() > 1_700_000_000_000);
+            return snapshot.at_ms;
+        }
+    }
+}
+
+#[test]
+fn the_clock_goes_on_from_where_it_stood_and_not_from_the_last_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let first = Service::start(&data);
+    // Long after the last record: the first versions are bound within the first second.
+    let stood_ms = time_from(&data, 4_000);
+    drop(first);
+    let sql = Connection::open(data.join("holdpoint.db")).unwrap();
+    let last_ms: u64 = sql.query_row("SELECT max(at_ms) FROM audit", [], |row| row.get(0)).unwrap();
+    assert!(last_ms + 2_000 < stood_ms, "the record ends at {last_ms} and the clock stood at {stood_ms}");
+    drop(sql);
+    let _second = Service::start(&data);
+    let goes_on_ms = time_from(&data, 1);
+    // A sudden end takes back a second at most.
+    assert!(goes_on_ms + 1_100 >= stood_ms, "from {stood_ms} to {goes_on_ms}");
+}
