@@ -68,8 +68,8 @@ fn paint(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             let body = under(model, pen, body);
             views::form::draw(model, form, pen, body);
         }
-        Some(Overlay::Why(screen)) => views::why::draw(model, screen, &mut pen, body),
-        Some(Overlay::Film(watched)) => views::film::draw(watched, &mut pen, body),
+        Some(Overlay::Why(screen)) => views::why::draw(model, screen, pen, body),
+        Some(Overlay::Film(watched)) => views::film::draw(watched, pen, body),
         None => {
             under(model, pen, body);
         }

@@ -5,7 +5,7 @@ use super::refuse;
 use crate::audit;
 use crate::effect::Effect;
 use crate::model::{HISTORY_PANE, Model, OpenedRecord, Typing, View};
-use crate::rows::{said, whole};
+use crate::rows::whole;
 use holdpoint_protocol::health::AlarmSpell;
 
 /// Puts the cursor on the next row that contains what is typed, from where it is and then from the top. It stays if

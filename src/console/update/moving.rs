@@ -123,7 +123,7 @@ pub(super) const fn unsorted(model: &Model) -> Option<&'static str> {
         View::Registry => None,
         View::Alarms => Some("alarms stand in the order of attention"),
         View::Approvals => Some("what waits stands in the order of its deadlines"),
-        View::Overview | View::Candidate | View::Shadow | View::Audit => {
+        View::Overview | View::Candidate | View::Shadow | View::Audit | View::Health => {
             Some("this list stands in the order in which things happened; the registry can be sorted")
         }
     }

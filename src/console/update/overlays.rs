@@ -209,7 +209,7 @@ pub(super) fn unanswered(model: &mut Model, why: &str) {
                 signing.failed(why.to_owned());
             }
         }
-        Some(Overlay::Palette(_)) | None => {}
+        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => {}
     }
 }
 

@@ -222,6 +222,9 @@ fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
             let said = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
             model.disagreement_rows().iter().map(said).collect()
         }
+        View::Health => {
+            vec![Row::of(ThemeRole::Muted, "A larger window shows it; `holdpoint health` prints it")]
+        }
         View::Overview => Vec::new(),
     }
 }
