@@ -35,6 +35,9 @@ const LOG_BYTES_MAX: u64 = 1024 * 1024;
 /// The most bytes of its end that are read for its own words.
 const WORDS_BYTES_MAX: u64 = 4096;
 
+/// What an engine says that finds another one at work on its store.
+const IN_USE: &str = "is in use by";
+
 /// The pause between two looks.
 const LOOK: Duration = Duration::from_millis(5);
 
@@ -98,10 +101,8 @@ impl OwnService {
         let begun = Log::open(path).and_then(|log| Ok((self.spawn(&log)?, log)));
         match begun {
             Ok((child, log)) => {
-                let own = i32::try_from(child.id()).ok();
-                let host = self.sit_down(child, &log, &sitting)?;
-                let is_other = host.process() != own && !self.asked.is_empty();
-                let notice = is_other.then(|| {
+                let (host, is_own) = self.sit_down(child, &log, &sitting)?;
+                let notice = (!is_own && !self.asked.is_empty()).then(|| {
                     let asked = self.asked.join(", ");
                     format!("another console was quicker: this one sits at its engine, and {asked} counts for nothing")
                 });
@@ -128,18 +129,19 @@ impl OwnService {
             .spawn()
     }
 
-    /// Waits until it answers. Where another console was quicker, its engine is as good.
-    fn sit_down(&self, mut child: Child, log: &Log, sitting: &Sitting) -> Result<Host, EndFault> {
+    /// Waits until it answers. Where another console was quicker, its engine is as good: tells whether it is this one's.
+    fn sit_down(&self, mut child: Child, log: &Log, sitting: &Sitting) -> Result<(Host, bool), EndFault> {
         let until = Instant::now() + UP_WITHIN;
         let mut ended: Option<ExitStatus> = None;
         loop {
             let found = Host::find(&self.layout, sitting.clone());
             match found {
                 Ok(Some(host)) => {
+                    let is_own = host.process() == i32::try_from(child.id()).ok();
                     // Nobody else waits for the end of its process.
                     let wait = move || drop(child.wait());
                     drop(std::thread::Builder::new().name("service".to_owned()).spawn(wait));
-                    return Ok(host);
+                    return Ok((host, is_own));
                 }
                 // Another one holds the store and shows itself to nobody, or has no seat left.
                 Err(DoorError::Closed { text, .. }) if text != SHOWN_TO_NOBODY => {
@@ -160,7 +162,13 @@ impl OwnService {
             }
             let taken = ended.is_some() && matches!(lock_owner(&self.layout), Ok(Some(_)));
             if ended.is_some() && !taken {
-                return Err(EndFault::of(log.words()));
+                let words = log.words();
+                // Whoever had the store has let go of it meanwhile.
+                let is_free = words.contains(IN_USE) && Instant::now() < until;
+                let Some(again) = is_free.then(|| self.spawn(log).ok()).flatten() else {
+                    return Err(EndFault::of(words));
+                };
+                (child, ended) = (again, None);
             }
             if Instant::now() >= until {
                 return Err(match ended {

@@ -265,7 +265,12 @@ impl Door {
         }
         for early in std::mem::take(&mut self.early) {
             match answer(&early.request, &early.caller, early.since.elapsed()) {
-                Some(reply) => drop(early.answer.send(reply)),
+                Some(mut reply) => {
+                    if let Reply::Snapshot { snapshot } = &mut reply {
+                        self.seats.show_in(snapshot);
+                    }
+                    drop(early.answer.send(reply));
+                }
                 None => self.early.push(early),
             }
         }

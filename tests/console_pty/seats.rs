@@ -73,7 +73,10 @@ fn an_end_elsewhere_is_told_and_one_that_is_killed_leaves_its_seat() {
     first.wait_for_text(" y does it");
     first.keys("y");
     assert_eq!(first.end().exit_code(), 0);
-    second.wait_for_text("ENGINE ENDED: it ended in good order: seat 1 ended it");
+    second.wait_for("whose doing it was", |screen| {
+        let text = screen.contents();
+        text.contains("ENGINE ENDED") && text.contains("it ended in good order: seat 1 ended it")
+    });
     second.keys("q");
     assert_eq!(second.end().exit_code(), 0, "{}", second.contents());
     let said = second.contents().replace('\n', "");

@@ -12,6 +12,7 @@ use holdpoint::engine::host::{Host, HostConfig, Update};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request};
+use holdpoint::protocol::seat::Sitting;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, Transaction, Views};
 use holdpoint::runtime::capability;
@@ -63,7 +64,7 @@ fn start(folder: &Path, watch: ReadWatch) -> Host {
         robot: None,
         pace: Some(1.0),
         sinks: Vec::new(),
-        alone_max: None,
+        alone_max: Some(Duration::from_hours(1)),
     };
     Host::start_watched(config, watch)
 }
@@ -113,6 +114,11 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     let reading = shown.reading.unwrap();
     assert_eq!((reading.read, reading.of), (read, records));
     assert!(shown.families.iter().any(|family| family.active.is_some()), "{:?}", shown.families);
+    // Who sits there is known from the start, and that the engine ends with them.
+    let seat = Client::connect(&layout).unwrap().unwrap().attach(Sitting::default()).unwrap();
+    let shown = look(&mut client);
+    assert_eq!((shown.seats.len(), shown.ends_alone_s), (1, Some(60 * 60)));
+    drop(seat);
     let (code, said) = verb(folder.path(), &["status"]);
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains(&format!("not verified yet: {read} of {records} records read")), "{said}");

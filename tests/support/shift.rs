@@ -15,8 +15,7 @@ use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_protocol::detail::{
-    Changes, Detail, Difference, DrillView, FindingVerdict, Measure, ModeView, RegistryPage, WhyFinding,
-    WhyView,
+    Changes, Detail, Difference, DrillView, Measure, ModeView, RegistryPage, WhyView,
 };
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
@@ -542,11 +541,7 @@ pub fn detail() -> Detail {
             about: Dimension::Recovery,
             decisive: "fails 9 of 50 fallback drills, the active version 2 of 50".to_owned(),
             change: vec!["they have to pass as often as the active version's".to_owned()],
-            findings: vec![WhyFinding {
-                text: "fails 9 of 50 fallback drills, the active version 2 of 50".to_owned(),
-                weight: None,
-                verdict: FindingVerdict::Worse,
-            }],
+            findings: Vec::new(),
             film: Some(FilmAsked { of: FilmOf::Drill, number: None }),
         }],
         differences: vec![

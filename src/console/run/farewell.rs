@@ -62,6 +62,13 @@ pub(super) fn at_work(cause: Cause, kept: &Result<(), DoorError>, ends_alone_s: 
     Left { cause, came_up: true, in_order: kept.is_ok(), text }
 }
 
+/// How a console left an engine that was told to end and is not done with it.
+pub(super) fn still_ending(cause: Cause) -> Left {
+    let text =
+        "the engine was told to end and is at it; `holdpoint status` says when the store is free".to_owned();
+    Left { cause, came_up: true, in_order: false, text }
+}
+
 /// How a console found the end of an engine in another process.
 pub(super) fn ended_elsewhere(cause: Cause, why: &EndFault) -> Left {
     let text =

@@ -537,7 +537,8 @@ impl Session {
         // What this console has asked for is no fault, and it is over when the store is free.
         let ended = match ended {
             Some(Err(why)) if why.orderly && asked_end => {
-                elsewhere.wait_for_end(FREE_MAX);
+                // After a signal there is not much time.
+                elsewhere.wait_for_end(if cause == Cause::Asked { FREE_MAX } else { STOP_MAX });
                 Some(Ok(()))
             }
             other => other,
@@ -547,9 +548,10 @@ impl Session {
         drop(guard);
         let ends_alone_s = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.ends_alone_s);
         match (&ended, model.told.link) {
-            (Some(Ok(())), _) if left && came_up && attached => {
+            (Some(Ok(())), _) if left && attached => {
                 return farewell::at_work(cause, &kept, ends_alone_s.filter(|_| !keeps));
             }
+            (None, EngineLink::Attached) if asked_end => return farewell::still_ending(cause),
             (Some(Err(why)), EngineLink::Attached) if came_up => {
                 return farewell::ended_elsewhere(cause, why);
             }

@@ -181,11 +181,12 @@ fn headway(model: &mut Model, now: &Snapshot) {
 
 pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
     overlays::answered(model, id);
-    stop_answered(model, id, &reply);
+    let stays_in_sight = stop_answered(model, id, &reply);
     let pending = model.asking.pending.remove(id);
     let about = pending.as_ref().map(|pending| pending.about);
     let asked = pending.map(|pending| pending.what).unwrap_or_default();
     match reply {
+        _ if stays_in_sight => Vec::new(),
         Reply::Accepted { text, .. } => {
             tell(model, text, false);
             Vec::new()
@@ -245,13 +246,15 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
     }
 }
 
-/// What a stop came to. One that no engine has answered is asked for until something confirms it.
-fn stop_answered(model: &mut Model, id: &str, reply: &Reply) {
-    let Some(asked) = model.told.stop_asked.as_mut().filter(|asked| asked.id == id) else { return };
-    match reply {
-        Reply::Refused { code: Refusal::NoAnswer, text, hint } => {
-            asked.why = Some(Problem::from((text.clone(), hint.clone())).sentence());
-        }
-        _ => model.told.stop_asked = None,
+/// What a stop came to. One that no engine has answered is asked for until something confirms it: tells whether that stays
+/// in sight, so that nothing else has to be said.
+fn stop_answered(model: &mut Model, id: &str, reply: &Reply) -> bool {
+    let Some(asked) = model.told.stop_asked.as_mut().filter(|asked| asked.id == id) else { return false };
+    if let Reply::Refused { code: Refusal::NoAnswer, text, hint } = reply {
+        asked.why = Some(Problem::from((text.clone(), hint.clone())).sentence());
+        model.notice = None;
+        return true;
     }
+    model.told.stop_asked = None;
+    false
 }

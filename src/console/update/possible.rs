@@ -95,6 +95,7 @@ impl<'a> Possible<'a> {
             A::Copy => moving::copied(model).is_some(),
             A::Filter => self.rows > 1 || !model.place.filter().is_empty(),
             A::Freeze => model.told.snapshot.is_some(),
+            A::Left | A::Right if model.place.view == View::Health => model.told.health.is_some(),
             A::ZoomIn | A::ZoomOut if model.place.view == View::Health => true,
             A::ZoomIn => self.charts() && model.place.zoom < ZOOM_MAX,
             A::ZoomOut => model.place.zoom > 0,

@@ -74,19 +74,17 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         EngineState::Running => {}
         EngineState::Ended(Ok(())) => say(ThemeRole::Problem, "ENGINE ENDED"),
         EngineState::Ended(Err(why)) if why.in_use => {
-            say(ThemeRole::Problem, "NO ENGINE HERE: another one holds the store");
+            say(
+                ThemeRole::Problem,
+                &format!("NO ENGINE HERE: another one holds the store{}", seeking(model)),
+            );
         }
-        EngineState::Ended(Err(why)) if why.orderly => say(ThemeRole::Stale, &format!("ENGINE ENDED: {why}")),
-        EngineState::Ended(Err(why)) => say(ThemeRole::Problem, &format!("ENGINE GONE: {why}")),
-    }
-    if let Some(seeking) = &model.told.seeking {
-        let (tries, tries_max) = (seeking.tries, seeking.tries_max);
-        let text = if tries < tries_max {
-            format!("looks again {tries}/{tries_max}")
-        } else {
-            "no more looks".to_owned()
-        };
-        say(ThemeRole::Stale, &text);
+        EngineState::Ended(Err(why)) if why.orderly => {
+            say(ThemeRole::Stale, &format!("ENGINE ENDED{}: {why}", seeking(model)));
+        }
+        EngineState::Ended(Err(why)) => {
+            say(ThemeRole::Problem, &format!("ENGINE GONE{}: {why}", seeking(model)));
+        }
     }
     if let Some(reading) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.reading) {
         say(ThemeRole::Stale, &format!("NOT VERIFIED YET {} of {} records", reading.read, reading.of));
@@ -125,6 +123,17 @@ fn clocks(model: &Model) -> Vec<Row> {
     [format!("  {day} {time} UTC  pace {pace}  engine"), format!("  {time} UTC  pace {pace} ")]
         .map(|text| Row::of(ThemeRole::Muted, &text))
         .into()
+}
+
+/// How the search for an engine goes, where there is one; it stands before why it is needed.
+fn seeking(model: &Model) -> String {
+    match &model.told.seeking {
+        Some(seeking) if seeking.tries < seeking.tries_max => {
+            format!(" (looks again {}/{})", seeking.tries, seeking.tries_max)
+        }
+        Some(_) => " (no more looks: start `holdpoint` anew)".to_owned(),
+        None => String::new(),
+    }
 }
 
 /// Operator and seed, the weightiest first.

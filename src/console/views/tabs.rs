@@ -29,6 +29,7 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         let row = all.to_column(width - fits.width()).with(ThemeRole::Muted, &fits);
         pen.row(area, 0, &row);
         clicks(
+            line,
             &named,
             model.place.view as usize,
             |at| View::ALL.get(at).map(|view| Hit::View(*view)),
@@ -40,16 +41,27 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let tight = close(&View::ALL.map(|view| (key(view), brief_title(view))), model.place.view as usize);
     if tight.width() <= width {
         pen.row(area, 0, &tight);
+        let brief = View::ALL.map(|view| (key(view), brief_title(view)));
+        let hit = |at: usize| View::ALL.get(at).map(|view| Hit::View(*view));
+        clicks(close, &brief, model.place.view as usize, hit, pen, area);
         return;
     }
     // Names of the others do not fit: their keys do.
     let brief = View::ALL.map(|view| (key(view), if view == model.place.view { view.title() } else { "" }));
     pen.row(area, 0, &line(&brief, model.place.view as usize));
-    clicks(&brief, model.place.view as usize, |at| View::ALL.get(at).map(|view| Hit::View(*view)), pen, area);
+    clicks(
+        line,
+        &brief,
+        model.place.view as usize,
+        |at| View::ALL.get(at).map(|view| Hit::View(*view)),
+        pen,
+        area,
+    );
 }
 
 /// Where each tab of a line can be clicked.
 fn clicks(
+    line: fn(&[(&str, &str)], usize) -> Row,
     tabs: &[(&str, &str)],
     here: usize,
     hit: impl Fn(usize) -> Option<Hit>,
@@ -74,7 +86,7 @@ pub fn draw_panes(model: &Model, right: Row, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width).saturating_sub(right.width());
     pen.row(area, 0, &panes(model).to_column(width).and(right));
     let tabs: Vec<(&str, &str)> = model.place.view.panes().iter().map(|pane| ("", *pane)).collect();
-    clicks(&tabs, model.place.pane(), |at| Some(Hit::Pane(at)), pen, area);
+    clicks(line, &tabs, model.place.pane(), |at| Some(Hit::Pane(at)), pen, area);
 }
 
 /// Who else looks at this engine, in words that get shorter; nothing if nobody does.

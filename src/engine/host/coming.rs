@@ -6,7 +6,7 @@ use tokio::sync::mpsc;
 
 use super::NotTaken;
 use super::update::{OUTSTANDING_MAX, Update};
-use holdpoint_protocol::command::Request;
+use holdpoint_protocol::command::{Command, Request};
 
 /// There is no engine yet, for one is being started in another process. What is asked meanwhile waits for it.
 pub(super) struct Coming {
@@ -29,7 +29,10 @@ impl Coming {
     pub(super) fn ask(&self, request: Request) -> Result<(), NotTaken> {
         let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
         match asked.as_mut() {
-            Some(asked) if asked.len() < OUTSTANDING_MAX => {
+            // A stop is never one too many.
+            Some(asked)
+                if asked.len() < OUTSTANDING_MAX || matches!(request.command, Command::Stop { .. }) =>
+            {
                 asked.push(request);
                 Ok(())
             }
@@ -42,20 +45,18 @@ impl Coming {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_protocol::command::Command;
 
     #[test]
-    fn what_is_asked_early_waits_and_nothing_waits_for_nobody() {
+    fn what_is_asked_early_waits_a_stop_always_and_nothing_for_nobody() {
         let coming = Coming::new(mpsc::channel(1).0);
-        let stop = |id: usize| {
-            let command = Command::Stop { by: "ana".to_owned(), reason: String::new() };
-            Request::unsigned(id.to_string(), command)
-        };
+        let pace = |id: usize| Request::unsigned(id.to_string(), Command::Pace { times: None });
         for id in 0..OUTSTANDING_MAX {
-            assert_eq!(coming.ask(stop(id)), Ok(()));
+            assert_eq!(coming.ask(pace(id)), Ok(()));
         }
-        assert_eq!(coming.ask(stop(99)), Err(NotTaken::Busy(Box::new(stop(99)))));
-        assert_eq!((coming.take().len(), coming.take().len()), (OUTSTANDING_MAX, 0));
-        assert_eq!(coming.ask(stop(0)), Err(NotTaken::Ended(Box::new(stop(0)))));
+        assert_eq!(coming.ask(pace(99)), Err(NotTaken::Busy(Box::new(pace(99)))));
+        let stop = Command::Stop { by: "ana".to_owned(), reason: String::new() };
+        assert_eq!(coming.ask(Request::unsigned("stop".to_owned(), stop)), Ok(()));
+        assert_eq!((coming.take().len(), coming.take().len()), (OUTSTANDING_MAX + 1, 0));
+        assert_eq!(coming.ask(pace(0)), Err(NotTaken::Ended(Box::new(pace(0)))));
     }
 }

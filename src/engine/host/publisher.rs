@@ -134,7 +134,9 @@ impl Publisher {
     /// Shows how things stand before there is an engine.
     pub(super) fn show(&mut self, taken: impl FnOnce() -> Snapshot) {
         if self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY) {
-            self.snapshot.send_replace(Some(Arc::new(taken())));
+            let mut snapshot = taken();
+            self.seats.show_in(&mut snapshot);
+            self.snapshot.send_replace(Some(Arc::new(snapshot)));
             self.published = Some(Instant::now());
         }
     }

@@ -57,6 +57,7 @@ fn a_stop_that_nobody_answers_is_said_until_something_confirms_it() {
     later(&mut console, 60_000);
     let screen = words(&console, SIZES[0]);
     assert!(screen.contains("STOP NOT CONFIRMED") && screen.contains("a signal stopped it"), "{screen}");
+    assert_eq!(screen.matches("a signal stopped it").count(), 1, "it is said in one place: {screen}");
     // Asking again begins no new count.
     let second = id(&console.keys("X"));
     assert_ne!(first, second);
@@ -104,10 +105,13 @@ fn attached() -> TestConsole {
 #[test]
 fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
     for (why, said) in [
-        (EndFault::of("the engine at \"/data/engine.sock\" has ended"), "ENGINE GONE: the engine at"),
+        (
+            EndFault::of("the engine at \"/data/engine.sock\" has ended"),
+            "ENGINE GONE (looks again 3/64): the engine at",
+        ),
         (
             EndFault::orderly("it ended in good order: bert ended it"),
-            "ENGINE ENDED: it ended in good order: bert",
+            "ENGINE ENDED (looks again 3/64): it ended in good order: bert",
         ),
     ] {
         let mut console = attached();
@@ -120,7 +124,8 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
         }));
         later(&mut console, 60_000);
         let screen = words(&console, SIZES[0]);
-        assert!(screen.contains(said) && screen.contains("looks again 3/64"), "{screen}");
+        assert!(screen.contains(said), "{screen}");
+        assert!(words(&console, SIZES[1]).contains("(looks again 3/64)"), "{}", words(&console, SIZES[1]));
         assert!(!screen.contains("with bert") && console.model.told.others().count() == 0, "{screen}");
         // The place is kept for when there is one.
         console.tell(MsgKind::Seated(Some(902)));

@@ -178,5 +178,6 @@ fn a_seat_that_reads_nothing_is_marked() {
     let mut console = TestConsole::new(0);
     let asleep = SeatView { not_reading: true, ..seat(1, Some("bert"), None) };
     with_seats(&mut console, vec![asleep, seat(2, Some("ana"), None)]);
-    assert!(screen(&console, 120, 36).contains("with bert, NOT READING (Alarms)"));
+    assert!(screen(&console, 140, 36).contains("with bert, NOT READING (Alarms)"));
+    assert!(screen(&console, 120, 36).contains("NOT READING"), "{}", screen(&console, 120, 36));
 }
