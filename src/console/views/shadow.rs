@@ -183,7 +183,12 @@ pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     for monitor in monitors(model) {
-        let mut said = format!("{} of {} tasks", monitor.episodes, monitor.needed);
+        let mut said = if monitor.episodes <= monitor.needed {
+            format!("{} of {} tasks", monitor.episodes, monitor.needed)
+        } else {
+            // It watches on after the provisional window.
+            format!("{} tasks, window of {} over", monitor.episodes, monitor.needed)
+        };
         if monitor.restricted {
             said.push_str(", restricted");
         }

@@ -217,7 +217,25 @@ fn the_monitors_are_whole_at_every_size() {
         let places = ["! retry", "  violation", "  intervention"].map(|name| text.find(name));
         assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{columns}: {places:?}\n{text}");
     }
-    // Where there is no room beside the charts, they are a pane of their own.
+    with(&mut console, |now| {
+        now.live.monitors = serde_json::from_value(json!([{ "version": "grasp@1.2.0", "episodes": 118,
+            "needed": 20, "restricted": false, "factor": 1.0, "charts": [["violation", 3.9, 4.6]],
+            "coupled": false }]))
+        .unwrap();
+    });
+    assert!(screen(&console, 120, 36).contains("118 tasks, window of 20 over"), "no 118 of 20");
+}
+
+#[test]
+fn the_monitors_are_a_pane_where_there_is_no_room_beside_the_charts() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| {
+        now.live.monitors = serde_json::from_value(json!([{ "version": "grasp@1.2.0", "episodes": 7,
+            "needed": 40, "restricted": true, "factor": 1.0, "charts": [["violation", 3.9, 4.6]],
+            "coupled": false }]))
+        .unwrap();
+    });
+    console.keys("4");
     assert!(!screen(&console, 80, 24).contains("3.90 of 4.60"));
     console.press(KeyCode::BackTab);
     for (columns, rows) in [(80, 24), (60, 16)] {
