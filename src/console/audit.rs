@@ -125,6 +125,7 @@ pub struct AuditItem<'a> {
 }
 
 /// The records as rows: runs of sealed telemetry are one each.
+#[must_use]
 pub fn rows<'a>(records: impl Iterator<Item = &'a AuditRecord>) -> Vec<AuditItem<'a>> {
     let mut rows: Vec<AuditItem<'a>> = Vec::new();
     let folds = |record: &AuditRecord| record.kind.known().is_some_and(|kind| is_telemetry(*kind));

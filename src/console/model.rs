@@ -241,7 +241,12 @@ impl Model {
         if family.active.as_ref() == Some(id) {
             return Some((State::Active, family.flags.unwrap_or_default()));
         }
-        let row = self.told.registry.page.rows.iter().find(|row| row.version == *id)?;
+        // A page is in the order of families and versions; one that is not is looked through.
+        let rows = &self.told.registry.page.rows;
+        let row = match rows.binary_search_by(|row| row.version.cmp(id)) {
+            Ok(at) => rows.get(at)?,
+            Err(_) => rows.iter().find(|row| row.version == *id)?,
+        };
         Some((row.state, row.flags))
     }
 }

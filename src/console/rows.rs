@@ -368,20 +368,35 @@ impl Model {
         self.place.cursor().min(self.row_count().saturating_sub(1))
     }
 
+    /// How many rows the list has that has the keys, and the version under its cursor: rows may be many, and are made once.
+    #[must_use]
+    pub fn rows_and_version(&self) -> (usize, Option<CapabilityId>) {
+        if self.place.view != View::Registry {
+            return (self.row_count(), self.version_here());
+        }
+        let rows = self.registry_rows();
+        let at = self.place.cursor().min(rows.len().saturating_sub(1));
+        (rows.len(), rows.get(at).and_then(|item| self.registry_version(item)))
+    }
+
+    fn registry_version(&self, item: &RegistryItem<'_>) -> Option<CapabilityId> {
+        match item {
+            RegistryItem::Version(row) => Some(row.version.clone()),
+            // A family stands for its active version.
+            RegistryItem::Family { family, .. } => {
+                let families = &self.told.snapshot.as_ref()?.families;
+                families.iter().find(|known| known.family == **family)?.active.clone()
+            }
+        }
+    }
+
     /// The version under the cursor, or the one the view is about.
     #[must_use]
     pub fn version_here(&self) -> Option<CapabilityId> {
         match (self.place.view, self.place.pane()) {
             (View::Overview, STORY_PANE) => None,
             (View::Overview, _) => self.pipeline_rows().get(self.row()).map(|row| row.version.clone()),
-            (View::Registry, _) => match self.registry_rows().get(self.row())? {
-                RegistryItem::Version(row) => Some(row.version.clone()),
-                // A family stands for its active version.
-                RegistryItem::Family { family, .. } => {
-                    let families = &self.told.snapshot.as_ref()?.families;
-                    families.iter().find(|known| known.family == **family)?.active.clone()
-                }
-            },
+            (View::Registry, _) => self.rows_and_version().1,
             (View::Candidate | View::Shadow, _) => self.subject(),
             (View::Health, _) => self.health_version(),
             (View::Alarms, HISTORY_PANE) => {

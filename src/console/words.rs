@@ -134,7 +134,7 @@ pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
         format!("waits for the review of {}", review.version)
     } else if let Some(other) = at_work {
         let stage = other.progress.as_ref().map(|progress| progress.stage).or(other.flags.running);
-        let stage = stage.map_or("its stage", |stage| stage.name());
+        let stage = stage.map_or("its stage", Stage::name);
         format!("waits for {}, in {stage}: one is worked at a time", other.version)
     } else if candidate.state == State::Demoted && flags.running.is_none() {
         "waits until somebody has it evaluated again".to_owned()

@@ -303,7 +303,7 @@ mod tests {
             let why = read(line).unwrap_err();
             assert!(why.contains(word), "{line:?}: {why}");
         }
-        assert!(read(&"x".repeat(LINE_BYTES_MAX as usize)).unwrap_err().contains("bytes"));
+        assert!(read(&"x".repeat(usize::try_from(LINE_BYTES_MAX).unwrap())).unwrap_err().contains("bytes"));
     }
 
     #[test]

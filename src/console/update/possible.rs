@@ -19,7 +19,8 @@ pub struct Possible<'a> {
 impl<'a> Possible<'a> {
     #[must_use]
     pub fn of(model: &'a Model) -> Self {
-        Self { model, here: model.version_here(), rows: model.row_count() }
+        let (rows, here) = model.rows_and_version();
+        Self { model, here, rows }
     }
 
     /// Why an action would be refused now; absent if it would not. That a console is read-only is said beside it.

@@ -9,6 +9,7 @@ use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
 use crate::words::{finding, kappa_sign, reason_line, seconds};
 use holdpoint_governance::permission::PermissionUse;
+use holdpoint_governance::words::Word;
 use holdpoint_protocol::detail::{Difference, DrillView, Measure};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::Explained;
@@ -186,7 +187,7 @@ fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
         let sign = if reason.in_favour { "+" } else { "-" };
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
         let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
-        let text = match reason.code.as_ref().and_then(|code| code.known()) {
+        let text = match reason.code.as_ref().and_then(Word::known) {
             Some(known) => finding(*known, &reason.text),
             None => Cow::Borrowed(reason.text.as_str()),
         };

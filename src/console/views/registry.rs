@@ -113,7 +113,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 /// The columns' names; the one that the rows are in the order of has a sign.
 fn header(columns: &Columns, has_age: bool, sort: SortOrder, look: &Look) -> Row {
-    let sign = look.glyph(if sort.reversed { Glyph::Up } else { Glyph::Down });
+    let sign = look.glyph(if sort.reversed { Glyph::Down } else { Glyph::Up });
     let said = |by: SortBy, word: &str| {
         let marked = sort.by == by && sort != SortOrder::default();
         if marked { format!("{word}{sign}") } else { word.to_owned() }

@@ -172,7 +172,7 @@ fn monitor_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     monitor_rows(model, pen, inside);
 }
 
-/// Each monitor's charts: how much of the way to the limit is gone.
+/// Each monitor's charts: how much of the way to the limit is gone; of two numbers the first is the warning's.
 pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let look = pen.look;
     let width = usize::from(area.width);
@@ -183,7 +183,12 @@ pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     for monitor in monitors(model) {
-        let mut said = format!("{} of {} tasks", monitor.episodes, monitor.needed);
+        let mut said = if monitor.episodes <= monitor.needed {
+            format!("{} of {} tasks", monitor.episodes, monitor.needed)
+        } else {
+            // It watches on after the provisional window.
+            format!("{} tasks, window of {} over", monitor.episodes, monitor.needed)
+        };
         if monitor.restricted {
             said.push_str(", restricted");
         }
@@ -202,19 +207,58 @@ pub(super) fn monitor_rows(model: &Model, pen: &mut Pen<'_>, area: Rect) {
             let lines = wrap(&said, width.saturating_sub(2), 2);
             rows.extend(lines.iter().map(|line| Row::of(ThemeRole::Muted, &format!("  {line}"))));
         }
-        for (name, value, limit) in &monitor.charts {
-            let past = value >= limit;
-            let role = if past { ThemeRole::Past } else { ThemeRole::Text };
-            let sign = if past { look.glyph(Glyph::Warning) } else { " " };
-            let numbers = format!(" {value:.2} of {limit:.2}");
-            let row = Row::of(role, sign).with(role, " ").cell(role, name, 11);
-            let bar = width.saturating_sub(row.width() + numbers.len()).min(20);
-            let share = if *limit > 0.0 { value / limit } else { 0.0 };
-            // The limit stands at four fifths of the bar, so that what is past it can be seen.
-            rows.push(row.and(toward(look, share * 0.8, bar, past)).with(role, &numbers));
-        }
+        let charts = charts_of(monitor);
+        let name_width = charts.iter().map(|chart| chart.name.chars().count()).max().unwrap_or(0);
+        rows.extend(charts.iter().map(|chart| charted(chart, name_width.min(width / 2), look, width)));
     }
     pen.rows(area, 0, &rows);
+}
+
+/// One thing that a monitor watches: how far it is on the way to its warning and to its trip.
+struct Watched<'a> {
+    name: &'a str,
+    /// Value and limit of each, in the order in which they come.
+    ways: Vec<(f64, f64)>,
+}
+
+impl Watched<'_> {
+    /// The larger share of a way that is gone.
+    fn share(&self) -> f64 {
+        let share = |(value, limit): &(f64, f64)| if *limit > 0.0 { value / limit } else { 0.0 };
+        self.ways.iter().map(share).fold(0.0, f64::max)
+    }
+}
+
+/// A monitor's charts, warning and trip of one thing together, the nearest to a limit first.
+fn charts_of(monitor: &MonitorView) -> Vec<Watched<'_>> {
+    let mut charts: Vec<Watched<'_>> = Vec::new();
+    for (name, value, limit) in &monitor.charts {
+        let of = name.strip_suffix(" warning").or_else(|| name.strip_suffix(" trip")).unwrap_or(name);
+        match charts.iter_mut().find(|chart| chart.name == of) {
+            Some(chart) => chart.ways.push((*value, *limit)),
+            None => charts.push(Watched { name: of, ways: vec![(*value, *limit)] }),
+        }
+    }
+    charts.sort_by(|one, other| other.share().total_cmp(&one.share()));
+    charts
+}
+
+fn charted(chart: &Watched<'_>, name_width: usize, look: &crate::look::Look, width: usize) -> Row {
+    let past = chart.ways.iter().any(|(value, limit)| value >= limit);
+    let role = if past { ThemeRole::Past } else { ThemeRole::Text };
+    let sign = if past { look.glyph(Glyph::Warning) } else { " " };
+    let numbers = match chart.ways.as_slice() {
+        [(value, limit)] => format!(" {value:.2} of {limit:.2}"),
+        ways => {
+            let said: Vec<String> =
+                ways.iter().map(|(value, limit)| format!("{value:.1}/{limit:.1}")).collect();
+            format!(" {}", said.join("  "))
+        }
+    };
+    let row = Row::of(role, sign).with(role, " ").cell(role, chart.name, name_width).with(role, " ");
+    let bar = width.saturating_sub(row.width() + numbers.len()).min(20);
+    // The limit stands at four fifths of the bar, so that what is past it can be seen.
+    row.and(toward(look, chart.share() * 0.8, bar, past)).with(role, &numbers)
 }
 
 fn toward(look: &crate::look::Look, share: f64, width: usize, past: bool) -> Row {

@@ -78,7 +78,7 @@ fn shadowed(state: &str, n: u64, reasons: &serde_json::Value) -> TestConsole {
     now.candidates[0].reasons = serde_json::from_value(reasons.clone()).unwrap();
     now.candidates[0].shadow = (n > 0).then(|| {
         serde_json::from_value(json!({ "n": n, "output": 0.1, "governance": 0.2, "envelope": 0.1,
-            "limits": [0.3, null, 0.4], "series": vec![[0.1, 0.2, 0.1]; n as usize], "disagreements": [] }))
+            "limits": [0.3, null, 0.4], "series": vec![[0.1, 0.2, 0.1]; usize::try_from(n).unwrap()], "disagreements": [] }))
         .unwrap()
     });
     console.tell(MsgKind::Snapshot(Arc::new(now)));

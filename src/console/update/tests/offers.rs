@@ -200,18 +200,42 @@ fn the_monitors_are_whole_at_every_size() {
     let mut console = TestConsole::new(0);
     with(&mut console, |now| {
         now.live.monitors = serde_json::from_value(json!([{ "version": "grasp@1.2.0", "episodes": 7,
-            "needed": 40, "restricted": true, "charts": [["violation", 3.9, 4.6]], "factor": 0.5,
+            "needed": 40, "restricted": true, "factor": 0.5, "charts": [["violation", 3.9, 4.6],
+                ["intervention warning", 0.2, 5.5], ["intervention trip", 4.4, 2000.0], ["retry warning", 5.6, 5.5]],
             "coupled": true }]))
         .unwrap();
     });
     console.keys("4");
     for (columns, rows) in [(200, 60), (120, 36), (100, 30)] {
         let text = screen(&console, columns, rows);
-        for words in ["7 of 40 tasks, restricted", "x0.50", "rollback-coupled", "3.90 of 4.60"] {
+        for words in
+            ["7 of 40 tasks, restricted", "x0.50", "rollback-coupled", "3.90 of 4.60", "0.2/5.5  4.4/2000.0"]
+        {
             assert!(text.contains(words), "{columns}: {words}\n{text}");
         }
+        // Names stand whole, and what is past its limit or nearest to it comes first.
+        let places = ["! retry", "  violation", "  intervention"].map(|name| text.find(name));
+        assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{columns}: {places:?}\n{text}");
     }
-    // Where there is no room beside the charts, they are a pane of their own.
+    with(&mut console, |now| {
+        now.live.monitors = serde_json::from_value(json!([{ "version": "grasp@1.2.0", "episodes": 118,
+            "needed": 20, "restricted": false, "factor": 1.0, "charts": [["violation", 3.9, 4.6]],
+            "coupled": false }]))
+        .unwrap();
+    });
+    assert!(screen(&console, 120, 36).contains("118 tasks, window of 20 over"), "no 118 of 20");
+}
+
+#[test]
+fn the_monitors_are_a_pane_where_there_is_no_room_beside_the_charts() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| {
+        now.live.monitors = serde_json::from_value(json!([{ "version": "grasp@1.2.0", "episodes": 7,
+            "needed": 40, "restricted": true, "factor": 1.0, "charts": [["violation", 3.9, 4.6]],
+            "coupled": false }]))
+        .unwrap();
+    });
+    console.keys("4");
     assert!(!screen(&console, 80, 24).contains("3.90 of 4.60"));
     console.press(KeyCode::BackTab);
     for (columns, rows) in [(80, 24), (60, 16)] {

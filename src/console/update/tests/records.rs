@@ -188,7 +188,7 @@ fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
     );
     assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
     let text = screen(&console, 120, 36);
-    assert!(text.contains("kBv") && text.contains("grasp@1.10.0"), "{text}");
+    assert!(text.contains("kB^") && text.contains("grasp@1.10.0"), "{text}");
     console.keys("S");
     assert_eq!(
         versions(&console),
