@@ -164,7 +164,10 @@ impl Told {
     /// Whether the engine ends when this console does: its own, or one that ends with the last that sits at it.
     #[must_use]
     pub fn ends_with_this(&self) -> bool {
-        let ends_alone = self.snapshot.as_ref().map_or(self.begun, |now| now.ends_alone_s.is_some());
+        // A picture of the engine before this one says nothing of how this one ends.
+        let own = |_: &&Arc<Snapshot>| self.seated_ms.is_none_or(|seated_ms| self.snapshot_ms > seated_ms);
+        let ends_alone =
+            self.snapshot.as_ref().filter(own).map_or(self.begun, |now| now.ends_alone_s.is_some());
         self.link == EngineLink::Own || (ends_alone && self.others().next().is_none())
     }
 
@@ -197,6 +200,8 @@ pub struct Told {
     pub stop_asked: Option<StopAsked>,
     /// What is added to the number of an event: another engine counts from the start.
     pub story_base: u64,
+    /// Console time at which it sat down at another engine than it began with, ms; absent if it did not.
+    pub seated_ms: Option<u64>,
     /// The newest picture of how things stand.
     pub snapshot: Option<Arc<Snapshot>>,
     /// Console time it came, ms.

@@ -54,6 +54,9 @@ pub(super) fn seated(model: &mut Model, process: Option<i32>) -> Vec<Effect> {
     model.told.engine = EngineState::Starting;
     model.told.seeking = None;
     if came_back {
+        // What the other engine would have done at its end says nothing of this one.
+        model.told.begun = false;
+        model.told.seated_ms = Some(model.now_ms);
         model.asking.pending.clear();
         model.asking.asked.clear();
         overlays::unanswered(

@@ -22,28 +22,25 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let named = View::ALL.map(|view| (key(view), view.title()));
     let all = line(&named, model.place.view as usize);
     let width = usize::from(area.width);
-    if all.width() <= width {
-        let room = width - all.width();
-        // Who else is here, in the longest words that fit.
-        let fits = others.into_iter().find(|text| text.width() + 2 <= room).unwrap_or_default();
-        let row = all.to_column(width - fits.width()).with(ThemeRole::Muted, &fits);
+    let short = View::ALL.map(|view| (key(view), brief_title(view)));
+    let tight = close(&short, model.place.view as usize);
+    // Who else is here, in the longest words that fit: names before views, names of views before numbers of people.
+    let fits = |tabs: &Row, least: usize| {
+        let room = width.saturating_sub(tabs.width());
+        let said = others.iter().enumerate().filter(|(at, _)| *at <= least);
+        said.map(|(_, text)| text).find(|text| text.width() + 2 <= room).cloned()
+    };
+    let hit = |at: usize| View::ALL.get(at).map(|view| Hit::View(*view));
+    let layouts: [(&Row, TabLine, &[(&str, &str)]); 2] = [(&all, line, &named), (&tight, close, &short)];
+    let chosen = layouts.iter().find_map(|layout| Some((layout, fits(layout.0, 1)?)));
+    let chosen = chosen.or_else(|| {
+        let layout = layouts.iter().find(|layout| layout.0.width() <= width)?;
+        Some((layout, fits(layout.0, usize::MAX).unwrap_or_default()))
+    });
+    if let Some(((tabs, laid, names), said)) = chosen {
+        let row = (*tabs).clone().to_column(width - said.width()).with(ThemeRole::Muted, &said);
         pen.row(area, 0, &row);
-        clicks(
-            line,
-            &named,
-            model.place.view as usize,
-            |at| View::ALL.get(at).map(|view| Hit::View(*view)),
-            pen,
-            area,
-        );
-        return;
-    }
-    let tight = close(&View::ALL.map(|view| (key(view), brief_title(view))), model.place.view as usize);
-    if tight.width() <= width {
-        pen.row(area, 0, &tight);
-        let brief = View::ALL.map(|view| (key(view), brief_title(view)));
-        let hit = |at: usize| View::ALL.get(at).map(|view| Hit::View(*view));
-        clicks(close, &brief, model.place.view as usize, hit, pen, area);
+        clicks(*laid, names, model.place.view as usize, hit, pen, area);
         return;
     }
     // Names of the others do not fit: their keys do.
@@ -59,9 +56,12 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     );
 }
 
+/// How tabs are laid on a line.
+type TabLine = fn(&[(&str, &str)], usize) -> Row;
+
 /// Where each tab of a line can be clicked.
 fn clicks(
-    line: fn(&[(&str, &str)], usize) -> Row,
+    line: TabLine,
     tabs: &[(&str, &str)],
     here: usize,
     hit: impl Fn(usize) -> Option<Hit>,
