@@ -54,9 +54,28 @@ pub(super) fn why_key(model: &mut Model, key: KeyEvent, action: Option<Action>) 
         (_, Some(Action::PageUp)) => screen.scroll = screen.scroll.saturating_sub(10),
         (_, Some(Action::Top)) => screen.scroll = 0,
         (_, Some(Action::OpenRecording | Action::OpenLive | Action::Copy)) => return leave(model, action),
+        (_, Some(shown)) if leads_elsewhere(shown) => return leave(model, action),
         _ => {}
     }
     Vec::new()
+}
+
+/// Whether an action goes to another view, or to its help.
+const fn leads_elsewhere(action: Action) -> bool {
+    matches!(
+        action,
+        Action::ShowOverview
+            | Action::ShowRegistry
+            | Action::ShowCandidate
+            | Action::ShowShadow
+            | Action::ShowAlarms
+            | Action::ShowApprovals
+            | Action::ShowAudit
+            | Action::ShowHealth
+            | Action::JumpToAlarm
+            | Action::CommandLine
+            | Action::Help
+    )
 }
 
 /// Closes what is open, then does what the key means.
@@ -144,6 +163,7 @@ pub(super) fn film_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
         (_, Some(Action::Top)) => player.begin(),
         (_, Some(Action::Bottom)) => player.end(),
         (_, Some(Action::Stop)) => return act(model, Action::Stop),
+        (_, Some(shown)) if leads_elsewhere(shown) => return leave(model, action),
         (_, Some(Action::Back | Action::Quit)) => {
             let back = watched.back.clone();
             model.entry.overlay = Some(Overlay::Why(back));

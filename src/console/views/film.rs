@@ -18,7 +18,7 @@ use crate::model::Watched;
 use crate::player::Player;
 use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
 use crate::widgets::pen::{Fit, Pen, above, below, cut};
-use crate::widgets::row::Row;
+use crate::widgets::row::{Row, wrap};
 use holdpoint_body::TICK_SECS;
 use holdpoint_protocol::film::{FilmFrame, FilmedRun};
 use holdpoint_protocol::picture::Picture;
@@ -96,9 +96,16 @@ fn said(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect) -> u16 
     let lines_max = if pen.fit >= Fit::Two { 2 } else { 1 };
     let bad = run.failed_at().is_some();
     let (glyph, role) = if bad { (Glyph::Bad, ThemeRole::Bad) } else { (Glyph::Good, ThemeRole::Good) };
-    let text = format!("{} {}", pen.look.glyph(glyph), run.ended);
-    let lines = crate::widgets::row::wrap(&text, usize::from(area.width), lines_max);
-    let mut rows: Vec<Row> = lines.iter().map(|line| Row::of(role, line)).collect();
+    let width = usize::from(area.width);
+    let lines = |glyph: Glyph, run: &FilmedRun| {
+        wrap(&format!("{} {}", pen.look.glyph(glyph), run.ended), width, lines_max)
+    };
+    let own = lines(glyph, run);
+    // Both pictures begin on one line: they are held against each other.
+    let film = &player.film;
+    let most = [&film.candidate, &film.active].map(|run| lines(glyph, run).len()).into_iter().max();
+    let mut rows: Vec<Row> = own.iter().map(|line| Row::of(role, line)).collect();
+    rows.resize(most.unwrap_or(rows.len()).max(rows.len()), Row::new());
     let last = run.marks.iter().rfind(|mark| mark.tick <= player.tick());
     rows.push(last.map_or_else(Row::new, |mark| {
         let at = mark.tick as f64 * TICK_SECS;

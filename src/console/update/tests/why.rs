@@ -227,3 +227,14 @@ fn a_film_that_is_not_what_was_recorded_says_so() {
     assert!(screen.contains("NOT AS RECORDED") && screen.contains("judged by another build"), "{screen}");
     assert_eq!(console.model.subject_detail().unwrap().why[1].about, Dimension::Behavior);
 }
+
+#[test]
+fn a_view_key_leads_out_of_both() {
+    let mut console = at_checks();
+    console.press(KeyCode::Down);
+    console.press(KeyCode::Enter);
+    console.keys("w");
+    console.answer(AskedFor::Film, Reply::Film { film: Box::new(film(17)) });
+    console.keys("7");
+    assert_eq!((console.model.place.view, &console.model.entry.overlay), (View::Audit, &None));
+}
