@@ -59,7 +59,7 @@ impl Film {
         self.contact_n = self.contact_n.max(seen.contact_force_n);
         self.touched |= contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot;
         let tick = world.tick();
-        if tick % FRAME_EVERY_TICKS == 0 {
+        if tick.is_multiple_of(FRAME_EVERY_TICKS) {
             let last = std::mem::take(self);
             self.frames = last.frames;
             self.frames.push(Frame {

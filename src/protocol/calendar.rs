@@ -71,7 +71,7 @@ const fn weekday(wall_ms: i64) -> usize {
 pub fn weekday_named(name: &str, at_or_before_ms: i64) -> Option<i64> {
     let name = name.to_ascii_lowercase();
     let fits = |known: &&str| name.len() >= 3 && known.starts_with(&name);
-    let wanted = WEEKDAY_NAMES.iter().position(|known| fits(&known))?;
+    let wanted = WEEKDAY_NAMES.iter().position(|known| fits(known))?;
     let back = (weekday(at_or_before_ms) + 7 - wanted) % 7;
     let day = at_or_before_ms.div_euclid(DAY_MS) - i64::try_from(back).ok()?;
     Some(day * DAY_MS)

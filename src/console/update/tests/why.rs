@@ -202,9 +202,7 @@ fn no_key_of_them_changes_anything() {
             }
             let effects = console.press(KeyCode::Char(letter));
             let only_looks = effects.iter().all(|effect| match effect {
-                Effect::Ask { question, .. } => {
-                    matches!(question, Question::Film { .. } | Question::Detail(_))
-                }
+                Effect::Ask { question, .. } => question.clone().into_command().only_reads(),
                 Effect::OpenRecording(_) | Effect::OpenLive | Effect::Copy(_) => true,
                 _ => false,
             });
