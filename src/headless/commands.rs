@@ -8,6 +8,8 @@ use std::collections::VecDeque;
 use std::io::{BufRead as _, BufReader, IsTerminal as _, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -72,7 +74,7 @@ pub(super) enum Said {
 
 /// The commands of one run.
 pub(super) struct Commands {
-    data: PathBuf,
+    errands: Errands,
     lines: Receiver<String>,
     /// Whether the input is at its end.
     ended: bool,
@@ -82,41 +84,79 @@ pub(super) struct Commands {
     stays: bool,
     begun: Instant,
     said: Receiver<Vec<String>>,
-    tell: SyncSender<Vec<String>>,
     /// What waits for the one that is carried out.
     queue: VecDeque<Vec<String>>,
-    /// Commands under way, those that stop beside the one in turn.
-    under_way: usize,
     in_turn: bool,
+}
+
+/// How a command is carried out, from whichever thread read it.
+#[derive(Clone)]
+struct Errands {
+    data: PathBuf,
+    tell: SyncSender<Vec<String>>,
+    /// Commands under way, those that stop beside the one in turn.
+    under_way: Arc<AtomicUsize>,
+}
+
+impl Errands {
+    /// On a thread of its own; what it printed is told before it counts as done.
+    fn carry_out(&self, words: Vec<String>) -> std::io::Result<()> {
+        let (tell, data, under_way) = (self.tell.clone(), self.data.clone(), Arc::clone(&self.under_way));
+        self.under_way.fetch_add(1, Ordering::AcqRel);
+        let work = move || {
+            // The run may have ended meanwhile.
+            drop(tell.send(run(&words, &data)));
+            under_way.fetch_sub(1, Ordering::AcqRel);
+        };
+        let begun = std::thread::Builder::new().name("command".to_owned()).spawn(work);
+        if begun.is_err() {
+            self.under_way.fetch_sub(1, Ordering::AcqRel);
+        }
+        begun.map(drop)
+    }
+
+    fn are_under_way(&self) -> bool {
+        self.under_way.load(Ordering::Acquire) > 0
+    }
 }
 
 impl Commands {
     /// Reads the standard input from now on.
     pub(super) fn start(data: &Path) -> std::io::Result<Self> {
-        let (read, lines) = sync_channel(LINES_MAX);
+        let (sender, lines) = sync_channel(LINES_MAX);
+        let (tell, said) = sync_channel(LINES_MAX);
+        let errands = Errands { data: data.to_owned(), tell, under_way: Arc::default() };
+        let at_once = errands.clone();
         std::thread::Builder::new().name("commands".to_owned()).spawn(move || {
             let mut input = BufReader::new(std::io::stdin());
             loop {
                 let mut line = Vec::new();
                 let taken = input.by_ref().take(LINE_BYTES_MAX).read_until(b'\n', &mut line);
-                if taken.unwrap_or(0) == 0 || read.send(String::from_utf8_lossy(&line).into_owned()).is_err()
-                {
+                let line = String::from_utf8_lossy(&line).into_owned();
+                // Stopping waits for nothing: not for the lines before it, and not for the slice that is worked.
+                let stops = match read(&line) {
+                    Ok(Typed::Verb(words)) if words.first().is_some_and(|word| word == "stop") => Some(words),
+                    _ => None,
+                };
+                let went = match stops {
+                    // An empty line tells that one came.
+                    Some(words) => at_once.carry_out(words).is_ok() && sender.send(String::new()).is_ok(),
+                    None => sender.send(line).is_ok(),
+                };
+                if taken.unwrap_or(0) == 0 || !went {
                     return;
                 }
             }
         })?;
-        let (tell, said) = sync_channel(LINES_MAX);
         Ok(Self {
-            data: data.to_owned(),
+            errands,
             lines,
             ended: false,
             heard: false,
             stays: std::io::stdin().is_terminal(),
             begun: Instant::now(),
             said,
-            tell,
             queue: VecDeque::new(),
-            under_way: 0,
             in_turn: false,
         })
     }
@@ -129,7 +169,7 @@ impl Commands {
     /// Whether the run has to go on for what was typed, or may yet be.
     pub(super) fn holds(&self) -> bool {
         let expects = !self.heard && !self.ended && self.begun.elapsed() < FIRST_LINE_MAX;
-        (self.stays && !self.ended) || expects || self.under_way > 0 || !self.queue.is_empty()
+        (self.stays && !self.ended) || expects || self.errands.are_under_way() || !self.queue.is_empty()
     }
 
     /// What came since the last look.
@@ -137,7 +177,6 @@ impl Commands {
         let mut said = Vec::new();
         while let Ok(lines) = self.said.try_recv() {
             said.extend(lines.into_iter().map(Said::Line));
-            self.under_way -= usize::from(self.under_way > 0);
         }
         loop {
             match self.lines.try_recv() {
@@ -160,10 +199,6 @@ impl Commands {
             Ok(Typed::Nothing) => {}
             Ok(Typed::Quit) => said.push(Said::Quit),
             Ok(Typed::Help) => said.push(Said::Line(help())),
-            // Stopping waits for nothing.
-            Ok(Typed::Verb(words)) if words.first().is_some_and(|word| word == "stop") => {
-                self.carry_out(words, said);
-            }
             Ok(Typed::Verb(words)) => self.queue.push_back(words),
             Err(why) => said.push(Said::Line(why)),
         }
@@ -171,25 +206,15 @@ impl Commands {
 
     /// One after the other: who registers and then approves means it in this order.
     fn go_on(&mut self, said: &mut Vec<Said>) {
-        self.in_turn &= self.under_way > 0;
+        self.in_turn &= self.errands.are_under_way();
         if !self.in_turn
             && let Some(words) = self.queue.pop_front()
         {
             self.in_turn = true;
-            self.carry_out(words, said);
-        }
-    }
-
-    fn carry_out(&mut self, words: Vec<String>, said: &mut Vec<Said>) {
-        let (tell, data) = (self.tell.clone(), self.data.clone());
-        let name = words.join(" ");
-        let work = move || {
-            // The run may have ended meanwhile.
-            drop(tell.send(run(&words, &data)));
-        };
-        match std::thread::Builder::new().name("command".to_owned()).spawn(work) {
-            Ok(_) => self.under_way += 1,
-            Err(error) => said.push(Said::Line(format!("{name}: cannot start a thread: {error}"))),
+            let name = words.join(" ");
+            if let Err(error) = self.errands.carry_out(words) {
+                said.push(Said::Line(format!("{name}: cannot start a thread: {error}")));
+            }
         }
     }
 }

@@ -258,6 +258,8 @@ impl PlainStream<'_> {
 
     /// Ends the engine and says what became of each version.
     fn finish(mut self) -> Result<Exit, CliError> {
+        // What was done is told, also where it was done a moment ago.
+        self.take_commands()?;
         let candidates = self.pump.engine().snapshot().candidates;
         let followed: Vec<Followed> = candidates
             .iter()
