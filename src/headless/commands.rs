@@ -300,6 +300,7 @@ fn split(line: &str) -> Result<Vec<String>, String> {
 mod tests {
     use super::*;
 
+    #[allow(clippy::unnecessary_wraps, reason = "beside what is refused")]
     fn verb(words: &[&str]) -> Result<Typed, String> {
         Ok(Typed::Verb(words.iter().map(|word| (*word).to_owned()).collect()))
     }

@@ -87,9 +87,8 @@ pub(super) fn run(
 
 fn about(side: &mut Side, version: &CapabilityId, film: &Film) -> Result<About, CliError> {
     let snapshot = side.snapshot()?;
-    let detail = match side.ask(Command::Detail { version: version.clone() })? {
-        Reply::Detail { detail } => detail,
-        _ => return Err(CliError::internal("the engine answered without a detail")),
+    let Reply::Detail { detail } = side.ask(Command::Detail { version: version.clone() })? else {
+        return Err(CliError::internal("the engine answered without a detail"));
     };
     Ok(About {
         version: version.clone(),

@@ -257,7 +257,7 @@ pub(super) fn paste(model: &mut Model, text: &str) -> Vec<Effect> {
         }
         (None, Some(Overlay::Prompt(_))) => tell(model, "a prompt takes no pasted text: type it", true),
         (None, Some(Overlay::Why(_) | Overlay::Film(_)) | None) => {
-            tell(model, "pasted text is ignored here", false)
+            tell(model, "pasted text is ignored here", false);
         }
     }
     Vec::new()

@@ -148,7 +148,8 @@ pub(super) fn film_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
         (KeyCode::Char('.'), _) => player.step(true),
         (KeyCode::Char(','), _) => player.step(false),
         (KeyCode::Char('m') | KeyCode::Enter, _) => {
-            if !player.to_failure() {
+            let fails = player.to_failure();
+            if !fails {
                 tell(model, "nothing goes wrong in it", false);
             }
         }

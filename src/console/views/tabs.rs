@@ -31,7 +31,7 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         said.map(|(_, text)| text).find(|text| text.width() + 2 <= room).cloned()
     };
     let hit = |at: usize| View::ALL.get(at).map(|view| Hit::View(*view));
-    let layouts: [(&Row, TabLine, &[(&str, &str)]); 2] = [(&all, line, &named), (&tight, close, &short)];
+    let layouts: [TabLayout<'_>; 2] = [(&all, line, &named), (&tight, close, &short)];
     let chosen = layouts.iter().find_map(|layout| Some((layout, fits(layout.0, 1)?)));
     let chosen = chosen.or_else(|| {
         let layout = layouts.iter().find(|layout| layout.0.width() <= width)?;
@@ -55,6 +55,9 @@ pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         area,
     );
 }
+
+/// Tabs as they were laid, how, and their keys and names.
+type TabLayout<'a> = (&'a Row, TabLine, &'a [(&'a str, &'a str)]);
 
 /// How tabs are laid on a line.
 type TabLine = fn(&[(&str, &str)], usize) -> Row;
