@@ -70,7 +70,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::Wheel(rows) => moving::wheel(model, rows),
         MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
-            if model.place.view == View::Health { asking::refresh_now(model) } else { Vec::new() }
+            Vec::new()
         }
         MsgKind::EngineStarted => engine::started(model),
         MsgKind::Events(events) => engine::events(model, events),

@@ -7,7 +7,7 @@ use crate::effect::{Effect, Question};
 use crate::model::{AskedFor, EngineState, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::record::VersionGroup;
-use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::words;
@@ -91,6 +91,13 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
     match reply {
         Reply::Accepted { text, .. } => {
             tell(model, text, false);
+            Vec::new()
+        }
+        // Others ask as well: what nobody asked for by a key is asked again without a word.
+        Reply::Refused { code: Refusal::NotNow, .. }
+            if matches!(about, Some(AskedFor::Health | AskedFor::AlarmHistory)) =>
+        {
+            about.map(|about| model.asking.asked.remove(&about));
             Vec::new()
         }
         Reply::Refused { text, hint, .. } => {

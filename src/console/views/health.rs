@@ -133,7 +133,7 @@ fn span(ms: u64) -> String {
     let minutes = ms / 60_000;
     match minutes {
         0..60 => format!("{minutes} min"),
-        60..1_440 if minutes % 60 == 0 => format!("{} h", minutes / 60),
+        60..1_440 if minutes.is_multiple_of(60) => format!("{} h", minutes / 60),
         60..1_440 => format!("{} h {} min", minutes / 60, minutes % 60),
         _ if minutes % 1_440 < 60 => format!("{} d", minutes / 1_440),
         _ => format!("{} d {} h", minutes / 1_440, minutes / 60 % 24),

@@ -19,19 +19,20 @@ use unicode_width::UnicodeWidthStr as _;
 /// Draws the views' line.
 pub fn views(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let others = if model.size.0 < OTHERS_NAMED_FROM { Vec::new() } else { others(model) };
-    let all = line(&View::ALL.map(|view| (key(view), view.title())), model.place.view as usize);
+    let here = model.place.view as usize;
+    let all = line(&View::ALL.map(|view| (key(view), view.title())), here);
+    let tight = close(&View::ALL.map(|view| (key(view), brief_title(view))), here);
     let width = usize::from(area.width);
-    if all.width() <= width {
-        let room = width - all.width();
-        // Who else is here, in the longest words that fit.
-        let fits = others.into_iter().find(|text| text.width() + 2 <= room).unwrap_or_default();
-        let row = all.to_column(width - fits.width()).with(ThemeRole::Muted, &fits);
-        pen.row(area, 0, &row);
-        return;
+    // Who else is here, in the longest words that fit, for which the views' names may stand closer.
+    for text in others {
+        if let Some(row) = [&all, &tight].into_iter().find(|row| row.width() + text.width() + 2 <= width) {
+            let row = row.clone().to_column(width - text.width()).with(ThemeRole::Muted, &text);
+            pen.row(area, 0, &row);
+            return;
+        }
     }
-    let tight = close(&View::ALL.map(|view| (key(view), brief_title(view))), model.place.view as usize);
-    if tight.width() <= width {
-        pen.row(area, 0, &tight);
+    if let Some(row) = [&all, &tight].into_iter().find(|row| row.width() <= width) {
+        pen.row(area, 0, row);
         return;
     }
     // Names of the others do not fit: their keys do.

@@ -80,7 +80,7 @@ fn main() {
                 let reader = HealthReader::open(store.layout()).unwrap();
                 let series = read(&reader);
                 std::hint::black_box(&series);
-                cpu() - before
+                cpu().saturating_sub(before)
             })
             .collect();
         times.sort();

@@ -91,10 +91,7 @@ pub(super) fn read(
         }
         *before = alarm;
         if *state == AlarmState::Normal {
-            let (mut spell, _) = match open.remove(&change.alarm) {
-                Some(over) => over,
-                None => continue,
-            };
+            let Some((mut spell, _)) = open.remove(&change.alarm) else { continue };
             spell.ended = Some(step(record));
             spell.over.get_or_insert_with(|| step(record));
             done.push(spell);
