@@ -52,6 +52,9 @@ pub mod metrics {}
 #[doc = include_str!("guide/health.md")]
 pub mod health {}
 
+#[doc = include_str!("guide/habits.md")]
+pub mod habits {}
+
 #[doc = include_str!("guide/performance.md")]
 pub mod performance {}
 

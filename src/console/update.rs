@@ -85,7 +85,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::Click(column, row) => clicking::click(model, column, row),
         MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
-            if model.place.view == View::Health { asking::refresh_now(model) } else { Vec::new() }
+            Vec::new()
         }
         MsgKind::EngineStarted => engine::started(model),
         MsgKind::Events(events) => engine::events(model, events),

@@ -61,9 +61,8 @@ impl Day {
 }
 
 /// Day of the week of a moment, ms since 1970: from 0, in the order of the names that [`weekday_named`] reads.
-#[allow(clippy::cast_possible_truncation, reason = "a day of the week")]
-const fn weekday(wall_ms: i64) -> usize {
-    wall_ms.div_euclid(DAY_MS).rem_euclid(7).cast_unsigned() as usize
+fn weekday(wall_ms: i64) -> usize {
+    usize::try_from(wall_ms.div_euclid(DAY_MS).rem_euclid(7)).unwrap_or(0)
 }
 
 /// The last beginning of a day of that name, at a moment or before it, ms since 1970; `None` if the name is none. Three
@@ -71,8 +70,8 @@ const fn weekday(wall_ms: i64) -> usize {
 #[must_use]
 pub fn weekday_named(name: &str, at_or_before_ms: i64) -> Option<i64> {
     let name = name.to_ascii_lowercase();
-    let fits = |known: &&str| name.len() >= 3 && known.starts_with(&name);
-    let wanted = WEEKDAY_NAMES.iter().position(fits)?;
+    let fits = |known: &str| name.len() >= 3 && known.starts_with(&name);
+    let wanted = WEEKDAY_NAMES.iter().position(|known| fits(known))?;
     let back = (weekday(at_or_before_ms) + 7 - wanted) % 7;
     let day = at_or_before_ms.div_euclid(DAY_MS) - i64::try_from(back).ok()?;
     Some(day * DAY_MS)

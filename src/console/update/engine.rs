@@ -210,6 +210,13 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
             );
             Vec::new()
         }
+        // Others ask as well: what nobody asked for by a key is asked again without a word.
+        Reply::Refused { code: Refusal::NotNow, .. }
+            if matches!(about, Some(AskedFor::Health | AskedFor::AlarmHistory)) =>
+        {
+            about.map(|about| model.asking.asked.remove(&about));
+            Vec::new()
+        }
         Reply::Refused { text, hint, .. } => {
             let asked = if asked.is_empty() { asked } else { format!("{asked}: ") };
             tell(model, format!("{asked}{}", Problem::from((text, hint)).sentence()), true);

@@ -14,7 +14,7 @@ const BUCKETS_MIN: u16 = 24;
 const READ_AGAIN_MS: u64 = 15_000;
 
 /// How often it is read at most, whatever happens, ms.
-const READ_MS_MIN: u64 = 3_000;
+const READ_MS_MIN: u64 = 5_000;
 
 /// What the course of alarms is asked for: thirty days.
 pub(super) const HISTORY: HealthAsked =
@@ -29,9 +29,17 @@ pub(super) fn asked(model: &Model) -> HealthAsked {
 /// Whether what is shown need not be read again. Work itself is no event here: it is looked at from time to time. What is
 /// frozen stays as it is.
 pub(super) fn is_fresh(model: &Model, unchanged: bool) -> bool {
-    let Some((_, came_ms)) = &model.told.health else { return unchanged };
+    let Some((series, came_ms)) = &model.told.health else { return unchanged };
+    if model.place.frozen.is_some() {
+        return true;
+    }
+    let asked = asked(model);
+    // The screen has another width, or what was asked last was not answered.
+    if (series.buckets, series.bucket_ms) != (u32::from(asked.buckets), asked.bucket_ms) {
+        return false;
+    }
     let age_ms = model.now_ms.saturating_sub(*came_ms);
-    model.place.frozen.is_some() || age_ms < if unchanged { READ_AGAIN_MS } else { READ_MS_MIN }
+    age_ms < if unchanged { READ_AGAIN_MS } else { READ_MS_MIN }
 }
 
 /// Narrower or wider buckets; the cursor stays at its moment.

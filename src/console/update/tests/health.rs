@@ -1,7 +1,7 @@
 //! The health view: what is asked for and how often, the cursor, and the course of alarms, which changes nothing.
 
 use super::*;
-use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::health::{HealthAsked, HealthClock, HealthSeries};
 
 /// Tue 17 Nov 2026, 08:00 UTC.
@@ -47,7 +47,8 @@ fn answer(console: &mut TestConsole, effects: &[Effect], until_ms: i64) -> Healt
 #[test]
 fn a_column_is_a_bucket_and_zoom_asks_anew_within_its_ends() {
     let mut console = opened();
-    let effects = console.tell(MsgKind::Resize(120, 36));
+    console.tell(MsgKind::Resize(120, 36));
+    let effects = console.tell(MsgKind::Tick);
     let first = answer(&mut console, &effects, TUESDAY_MS);
     assert_eq!((first.bucket_ms, first.buckets, first.until_ms), (900_000, 113, None));
     let effects = console.keys("-");
@@ -97,6 +98,25 @@ fn work_is_looked_at_from_time_to_time_and_what_is_frozen_stays() {
     console.keys("f");
     console.now_ms += 60_000;
     assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "frozen");
+}
+
+#[test]
+fn a_reading_that_is_refused_for_now_is_asked_for_again_without_a_word() {
+    let mut console = TestConsole::new(0);
+    let effects = console.keys("8");
+    let (id, _) = asked(&effects).unwrap();
+    assert_eq!(asked(&console.tell(MsgKind::Tick)), None, "one question at a time");
+    let refused = Reply::Refused {
+        code: Refusal::NotNow,
+        text: "others read".to_owned(),
+        hint: Some("wait".to_owned()),
+    };
+    console.model.notice = None;
+    console.tell(MsgKind::Answer { id, reply: Box::new(refused) });
+    assert_eq!(console.model.notice, None);
+    let effects = console.tell(MsgKind::Tick);
+    answer(&mut console, &effects, TUESDAY_MS);
+    assert!(console.model.health().is_some());
 }
 
 #[test]
