@@ -19,7 +19,7 @@ pub use record::{PictureFacts, RecordingHead, Tail, head, paths, tail};
 use super::rows::{Ids, Moment, Rows};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::event::Event;
-use holdpoint_protocol::film::FilmFrame;
+use holdpoint_protocol::film::{FilmFrame, FilmMark};
 use holdpoint_protocol::picture::{Picture, Point, Scenery};
 use holdpoint_protocol::snapshot::Snapshot;
 
@@ -100,6 +100,12 @@ impl Drawing {
     pub fn columns(&mut self, who: &str, frame: &FilmFrame, at_ms: u64) {
         let moment = self.moment(at_ms, self.sequence);
         self.draw_columns(who, frame, &moment);
+    }
+
+    /// Something that happened to one version in a piece of an evaluation.
+    pub fn mark(&mut self, who: &str, mark: &FilmMark, at_ms: u64) {
+        let moment = self.moment(at_ms, self.sequence);
+        self.tell_mark(who, mark, &moment);
     }
 
     pub fn event(&mut self, event: &Event) {

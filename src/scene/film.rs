@@ -32,9 +32,68 @@ pub fn write(path: &Path, about: About, film: &Film) -> Result<(), ReadError> {
         writer.earlier(vec![Arc::new(picture)]).map_err(failed)?;
     }
     for (who, run) in [("candidate", &film.candidate), ("active", &film.active)] {
+        for mark in &run.marks {
+            writer.mark(who, mark, holdpoint_recordings::film::at_ms(mark.tick));
+        }
         for frame in &run.frames {
             writer.columns(who, frame, holdpoint_recordings::film::at_ms(frame.tick)).map_err(failed)?;
         }
     }
     writer.end(None, (0, 0)).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read::{contents, read};
+    use serde_json::json;
+
+    fn film() -> Film {
+        let body = json!({ "links": [[0.0, 0.0, 0.0], [0.3, 0.0, 0.4]], "pads": [[0.3, 0.0, 0.4], [0.3, 0.0, 0.4]],
+            "hand": [0.0, 0.0, 0.0, 1.0], "object": [0.4, 0.0, 0.02], "object_turn": [0.0, 0.0, 0.0, 1.0],
+            "object_half_m": 0.02, "held": false });
+        let frame = |tick: u64| {
+            json!({ "tick": tick, "body": body, "q": [0.1, 0.2], "tau": [1.0, 2.0], "speed_m_s": 0.2,
+                "grip_n": 1.0, "contact_n": 0.0, "touched": false, "stopped": false })
+        };
+        let run = |version: &str, frames: u64| {
+            json!({ "version": version, "envelope": { "speed_m_s": 0.5, "force_n": 20.0, "contact_n": 10.0 },
+                "ended": "", "as_recorded": true, "blocks": [],
+                "marks": [{ "tick": 16, "text": "a force is larger than allowed", "bad": true }],
+                "frames": (0..frames).map(|at| frame(8 * at)).collect::<Vec<_>>() })
+        };
+        serde_json::from_value(json!({
+            "of": "episode", "number": 3, "count": 9, "task": "grasp", "seed": 7, "why": "", "doubts": [],
+            "scenery": { "workspace": null, "keep_outs": [], "fixtures": [] },
+            "candidate": run("grasp@1.1.0", 5), "active": run("grasp@1.0.0", 4),
+        }))
+        .unwrap()
+    }
+
+    /// What was written is read back: every moment, the twin in each, what happened, and a column for each joint.
+    #[test]
+    fn a_film_is_a_recording() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("film.rrd");
+        let about: About = serde_json::from_value(json!({ "version": "grasp@1.1.0", "digest": "a".repeat(64),
+            "predecessor": "grasp@1.0.0", "profile": "sim", "robot": "arm7", "seed": 7, "engine_build": "x" }))
+        .unwrap();
+        write(&path, about.clone(), &film()).unwrap();
+        let recording = read(&path).unwrap();
+        assert_eq!(recording.about, about);
+        let times: Vec<u64> = recording.pictures.iter().map(|picture| picture.at_ms).collect();
+        assert_eq!(times, [0, 33, 66, 100, 133]);
+        assert!(recording.pictures.iter().all(|picture| picture.twin.is_some()));
+        let chunks = contents(&path).unwrap().chunks;
+        let rows = |wanted: &str| -> usize {
+            let of = chunks.iter().filter(|chunk| chunk.entity_path().to_string() == wanted);
+            of.map(rerun::log::Chunk::num_rows).sum()
+        };
+        for (column, frames) in
+            [("/joints/candidate/q2", 5), ("/joints/active/tau1", 4), ("/tool/active/grip", 4)]
+        {
+            assert_eq!(rows(column), frames, "{column}");
+        }
+        assert_eq!(rows("/log/film"), 2);
+    }
 }

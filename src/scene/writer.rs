@@ -18,7 +18,7 @@ use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
-use holdpoint_protocol::film::FilmFrame;
+use holdpoint_protocol::film::{FilmFrame, FilmMark};
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::Closed;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -129,6 +129,11 @@ impl Writer {
     pub fn columns(&mut self, who: &str, frame: &FilmFrame, at_ms: u64) -> io::Result<()> {
         self.drawing.columns(who, frame, at_ms);
         if self.drawing.rows().are_many() { self.flush() } else { Ok(()) }
+    }
+
+    /// Something that happened to one version in a piece of an evaluation, in the log.
+    pub fn mark(&mut self, who: &str, mark: &FilmMark, at_ms: u64) {
+        self.drawing.mark(who, mark, at_ms);
     }
 
     fn draw(&mut self, chosen: &[Arc<Picture>]) -> io::Result<()> {

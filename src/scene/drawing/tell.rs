@@ -8,8 +8,10 @@ use crate::rows::Moment;
 use crate::words;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::film::FilmMark;
 use holdpoint_protocol::words::sentence;
 use holdpoint_recordings::recording::About;
+use holdpoint_text::Untrusted;
 
 /// What is known of the upgrade.
 #[derive(Debug, Default)]
@@ -61,6 +63,13 @@ impl Drawing {
         };
         let text = sentence(event, TEXT_WIDTH_MAX).into_string();
         self.rows.at(path, moment, &TextLog::new(text).with_level(TextLogLevel::from(level)));
+    }
+
+    /// Something that happened to one version in a piece of an evaluation.
+    pub(super) fn tell_mark(&mut self, who: &str, mark: &FilmMark, moment: &Moment) {
+        let level = if mark.bad { TextLogLevel::WARN } else { TextLogLevel::INFO };
+        let text = Untrusted::new(format!("{who}: {}", mark.text)).display(TEXT_WIDTH_MAX).into_string();
+        self.rows.at("log/film", moment, &TextLog::new(text).with_level(TextLogLevel::from(level)));
     }
 
     fn write_document(&mut self, moment: &Moment) {
