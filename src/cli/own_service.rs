@@ -173,7 +173,7 @@ impl OwnService {
             if Instant::now() >= until {
                 return Err(match ended {
                     Some(_) => EndFault::in_use(log.words()),
-                    None => self.give_up(child, log),
+                    None => Self::give_up(child, log),
                 });
             }
             std::thread::sleep(if taken { LOOK_AGAIN } else { LOOK });
@@ -181,7 +181,7 @@ impl OwnService {
     }
 
     /// One that does not answer is ended: what is not seen must not work.
-    fn give_up(&self, mut child: Child, log: &Log) -> EndFault {
+    fn give_up(mut child: Child, log: &Log) -> EndFault {
         drop(child.kill());
         drop(child.wait());
         let secs = UP_WITHIN.as_secs();

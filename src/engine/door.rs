@@ -335,7 +335,9 @@ impl Door {
         }
         // Held for as long as it takes to copy what is kept, when somebody attaches.
         let mut past = self.past.lock().unwrap_or_else(PoisonError::into_inner);
-        events.iter().for_each(|event| past.note(event));
+        for event in events {
+            past.note(event);
+        }
         if self.events.receiver_count() == 0 {
             return;
         }

@@ -329,7 +329,7 @@ impl Session {
     /// Looks for an engine at work on the store, if it is time to: on a thread of its own, for one may be slow to answer.
     fn look_for_an_engine(&mut self) {
         let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
-        if seek.tries >= SEEK_MAX || !seek.due.is_some_and(|due| due <= Instant::now()) {
+        if seek.tries >= SEEK_MAX || seek.due.is_none_or(|due| due > Instant::now()) {
             return;
         }
         seek.tries += 1;

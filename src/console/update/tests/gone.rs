@@ -9,8 +9,8 @@ use holdpoint_protocol::seat::{SeatView, Sitting};
 
 const SIZES: [(u16, u16); 5] = [(120, 36), (80, 24), (60, 16), (40, 12), (30, 3)];
 
-fn refused(code: Refusal, text: &str) -> Box<Reply> {
-    Box::new(Reply::Refused { code, text: text.to_owned(), hint: None })
+fn refused(code: Refusal, text: &str) -> Reply {
+    Reply::Refused { code, text: text.to_owned(), hint: None }
 }
 
 /// What is asked with this effect.
@@ -53,7 +53,7 @@ fn a_stop_that_nobody_answers_is_said_until_something_confirms_it() {
     console.press(KeyCode::Esc);
     // That nobody was there to answer is no answer.
     let reply = refused(Refusal::NoAnswer, "process 712 does not answer: a signal stopped it");
-    console.tell(MsgKind::Answer { id: first.clone(), reply });
+    console.tell(MsgKind::Answer { id: first.clone(), reply: Box::new(reply) });
     later(&mut console, 60_000);
     let screen = words(&console, SIZES[0]);
     assert!(screen.contains("STOP NOT CONFIRMED") && screen.contains("a signal stopped it"), "{screen}");
@@ -77,7 +77,10 @@ fn a_stop_that_nobody_answers_is_said_until_something_confirms_it() {
 fn a_stop_that_came_to_nothing_is_let_go_once_the_engine_is_heard() {
     let mut console = TestConsole::new(0);
     let asked = id(&console.keys("X"));
-    console.tell(MsgKind::Answer { id: asked, reply: refused(Refusal::NoAnswer, "it does not answer") });
+    console.tell(MsgKind::Answer {
+        id: asked,
+        reply: Box::new(refused(Refusal::NoAnswer, "it does not answer")),
+    });
     later(&mut console, 1_000);
     console.press(KeyCode::Esc);
     assert!(words(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "nothing was heard since");
@@ -218,7 +221,7 @@ fn a_demonstration_that_somebody_else_was_quicker_with_is_followed_by_the_next()
     console.keys(":demo");
     let asked = id(&console.press(KeyCode::Enter));
     let reply = refused(Refusal::Exists, "align@1.1.0 is registered already");
-    let effects = console.tell(MsgKind::Answer { id: asked.clone(), reply });
+    let effects = console.tell(MsgKind::Answer { id: asked.clone(), reply: Box::new(reply) });
     assert!(matches!(&effects[..], [Effect::Register { folder: None, .. }]), "{effects:?}");
     assert_ne!(id(&effects), asked);
     let said = console.model.notice.as_ref().unwrap();
@@ -230,5 +233,5 @@ fn a_demonstration_that_somebody_else_was_quicker_with_is_followed_by_the_next()
     console.keys(":register /tmp/x");
     let asked = id(&console.press(KeyCode::Enter));
     let reply = refused(Refusal::Exists, "align@1.1.0 is registered already");
-    assert!(console.tell(MsgKind::Answer { id: asked, reply }).is_empty());
+    assert!(console.tell(MsgKind::Answer { id: asked, reply: Box::new(reply) }).is_empty());
 }
