@@ -49,6 +49,7 @@ fn a_second_console_sits_down_at_the_engine_that_is_at_work() {
     // What was done while the other one was away is told to whoever comes.
     let mut third = attach(&home, &[]);
     third.wait_for_text("the cell is stopped by mara");
+    first.wait_for_text("with seat");
     third.keys("q");
     third.end();
     assert_eq!(quit(&mut first), 0);
