@@ -4,6 +4,7 @@
 //! is defined, in [`holdpoint_governance::metrics::observed`].
 
 mod acted;
+pub(crate) mod bodies;
 mod charts;
 mod history;
 mod replay;

@@ -13,6 +13,7 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::film::{Film, FilmAsked, FilmOf, FilmedRun};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::film::FRAMES_MAX;
 
 use self::choose::{Chosen, Found};
 use self::filmed::Worked;
@@ -73,6 +74,10 @@ pub fn film(
         Found::Drill(failed) => (failed.seed, Some(failed.kind), failed.phase),
         Found::Alone(episode) => (episode.seed, None, None),
     };
+    let mut doubts = doubts(context, &binding);
+    if [&new, &old].into_iter().any(|run| run.frames.len() >= FRAMES_MAX) {
+        doubts.push("it goes on after what is shown: two minutes are kept".to_owned());
+    }
     let film = Film {
         of: asked.of,
         number,
@@ -82,7 +87,7 @@ pub fn film(
         drill,
         phase,
         why,
-        doubts: doubts(context, &binding),
+        doubts,
         scenery: portrait::scenery(&context.cell.scene),
         candidate: new,
         active: old,

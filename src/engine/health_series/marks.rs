@@ -13,6 +13,7 @@ use holdpoint_protocol::health::{AlarmSpell, AlarmStep, HealthCoverage, HealthMa
 use holdpoint_registry::{AuditFilter, StoreError, Views};
 
 use super::clock::{Span, gaps, on_clock};
+use crate::observed::bodies::{ActiveSet, change};
 
 /// The most marks of one answer.
 const MARKS_MAX: usize = 400;
@@ -35,23 +36,6 @@ const KINDS: [RecordKind; 12] = [
     RecordKind::ContextSet,
     RecordKind::Commissioned,
 ];
-
-#[derive(Deserialize)]
-struct Body<T> {
-    change: T,
-}
-
-#[derive(Deserialize)]
-struct ActiveSet {
-    family: Family,
-    active: Option<CapabilityId>,
-    cause: CauseBody,
-}
-
-#[derive(Deserialize)]
-struct CauseBody {
-    cause: Word<ActivationCause>,
-}
 
 #[derive(Deserialize)]
 struct StateSet {
@@ -333,8 +317,4 @@ fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Fami
 fn by_whom(what: &str, said: &ByPerson) -> String {
     let who = if said.by.is_empty() { "somebody" } else { &said.by };
     if said.reason.is_empty() { format!("{who} {what}") } else { format!("{who} {what}: {}", said.reason) }
-}
-
-fn change<T: for<'de> Deserialize<'de>>(record: &AuditRecord) -> Option<T> {
-    serde_json::from_str::<Body<T>>(&record.body).ok().map(|body| body.change)
 }

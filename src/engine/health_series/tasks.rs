@@ -12,6 +12,7 @@ use holdpoint_registry::{AuditFilter, LyingBatch, StoreError, TelemetryViews, Vi
 
 use super::clock::{Span, on_clock};
 use crate::kept_task::LIVE;
+use crate::observed::bodies::{Sealed, SealedBlock, change};
 
 /// Batches that one question reads at most, but for the pass over the span that is begun then.
 pub const TASKS_READ: u64 = 8_000;
@@ -35,24 +36,6 @@ struct Worked {
     invalid: bool,
     #[serde(default)]
     cut_short: bool,
-}
-
-#[derive(Deserialize)]
-struct Body<T> {
-    change: T,
-}
-
-#[derive(Deserialize)]
-struct Sealed {
-    batch: u64,
-    digest: Digest,
-}
-
-#[derive(Deserialize)]
-struct SealedBlock {
-    batches: Vec<Sealed>,
-    #[serde(default)]
-    found: bool,
 }
 
 /// What one version came to in one bucket, so far.
@@ -199,11 +182,9 @@ fn take_in(
 
 fn sealed(record: &AuditRecord) -> (Vec<Sealed>, bool) {
     if record.kind == RecordKind::TelemetrySealed {
-        let one = serde_json::from_str::<Body<Sealed>>(&record.body).ok().map(|body| body.change);
-        return (one.into_iter().collect(), false);
+        return (change::<Sealed>(record).into_iter().collect(), false);
     }
-    let block = serde_json::from_str::<Body<SealedBlock>>(&record.body).ok().map(|body| body.change);
-    block.map_or_else(|| (Vec::new(), false), |block| (block.batches, block.found))
+    change::<SealedBlock>(record).map_or_else(|| (Vec::new(), false), |block| (block.batches, block.found))
 }
 
 impl Tally {

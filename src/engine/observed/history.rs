@@ -18,6 +18,7 @@ use holdpoint_governance::words::Word;
 use holdpoint_registry::{StoreError, Views};
 
 use super::acted::cause;
+use super::bodies::{ActiveSet, Sealed, SealedBlock, change};
 use crate::context::ContextRecord;
 
 /// A version's lifecycle state moved.
@@ -121,11 +122,6 @@ fn is_by_people(reason: &str) -> bool {
 }
 
 #[derive(Deserialize)]
-struct ChangeBody<T> {
-    change: T,
-}
-
-#[derive(Deserialize)]
 struct RegisteredBody {
     baseline: bool,
 }
@@ -136,31 +132,6 @@ struct StateChangeBody {
     to: State,
     #[serde(default)]
     reason: String,
-}
-
-#[derive(Deserialize)]
-struct ActiveSet {
-    family: Family,
-    active: Option<CapabilityId>,
-    cause: CauseBody,
-}
-
-#[derive(Deserialize)]
-struct CauseBody {
-    cause: Word<ActivationCause>,
-}
-
-#[derive(Deserialize)]
-struct Sealed {
-    batch: u64,
-    digest: Digest,
-}
-
-#[derive(Deserialize)]
-struct SealedBlock {
-    batches: Vec<Sealed>,
-    #[serde(default)]
-    found: bool,
 }
 
 #[derive(Deserialize)]
@@ -405,9 +376,4 @@ impl History {
     pub(super) fn control_at(&self, id: &CapabilityId, seq: u64) -> Option<&Control> {
         self.control.iter().rev().find(|control| control.version == *id && control.covers(seq))
     }
-}
-
-/// The change a record of the store's own is about; nothing if it does not say what is asked for.
-fn change<T: for<'de> Deserialize<'de>>(record: &AuditRecord) -> Option<T> {
-    serde_json::from_str::<ChangeBody<T>>(&record.body).ok().map(|body| body.change)
 }
