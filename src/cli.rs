@@ -126,6 +126,8 @@ pub enum Verb {
     Go(stop::GoArgs),
     /// Says what the agent of the live cell works towards.
     Goal(stop::GoalArgs),
+    /// Leaves a note for those who come after.
+    Note(stop::NoteArgs),
     /// Sends a version back to evaluation, or closes profiles to it.
     Demote(decide::DemoteArgs),
     /// Runs sandbox or shadow of a version again.
@@ -239,6 +241,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Stop(args)) => engine.decide(&context()?, &AskedDecision::Stop(args.clone()), out),
         Some(Verb::Go(args)) => engine.decide(&context()?, &AskedDecision::Go(args.clone()), out),
         Some(Verb::Goal(args)) => engine.decide(&context()?, &AskedDecision::Goal(args.clone()), out),
+        Some(Verb::Note(args)) => engine.decide(&context()?, &AskedDecision::Note(args.clone()), out),
         Some(Verb::Pause(args)) => engine.decide(&context()?, &AskedDecision::Pause(args.clone()), out),
         Some(Verb::Resume(args)) => engine.decide(&context()?, &AskedDecision::Resume(args.clone()), out),
         Some(Verb::Repeat(args)) => engine.decide(&context()?, &AskedDecision::Repeat(args.clone()), out),

@@ -17,7 +17,7 @@ pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 use super::data;
 use super::passphrase;
 use super::side::{Side, running};
-use super::stop::{self, GoArgs, GoalArgs, StopArgs};
+use super::stop::{self, GoArgs, GoalArgs, NoteArgs, StopArgs};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -55,6 +55,8 @@ pub enum AskedDecision {
     Go(GoArgs),
     /// To give the agent a goal.
     Goal(GoalArgs),
+    /// To leave a note.
+    Note(NoteArgs),
     /// To evaluate a version again.
     Repeat(RepeatArgs),
     /// To lift a restriction, or to open a profile again.
@@ -222,6 +224,7 @@ pub(super) fn run(
         AskedDecision::Stop(args) => stop::stop(context, args, out),
         AskedDecision::Go(args) => stop::go(context, args, out),
         AskedDecision::Goal(args) => stop::goal(context, args, out),
+        AskedDecision::Note(args) => stop::note(context, args, out),
     }
 }
 

@@ -78,10 +78,13 @@ fn show(explanation: &Explanation, out: &mut Output<'_>) -> Result<(), CliError>
 }
 
 fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
-    let Explained { record, at_ms, ruling, rule, reasons, change, permissions, kept, then } = decision;
+    let Explained { record, at_ms, ruling, rule, said, reasons, change, permissions, kept, then } = decision;
     let (stage, outcome) = (ruling.stage(), ruling.outcome());
     out.paragraph("", &format!("{stage}: {outcome} (record {record}, {:.3} s)", *at_ms as f64 / 1000.0))?;
     out.paragraph("  ", &format!("rule  {}: {}", rule.name(), rule.source()))?;
+    for text in said {
+        out.paragraph("  ", &format!("in short  {text}"))?;
+    }
     for reason in reasons {
         let mark = match (&reason.code, reason.in_favour) {
             (None, _) => "-",

@@ -1,6 +1,6 @@
 //! `holdpoint status`: shows, watches, and waits for a state.
 
-mod report;
+pub(super) mod report;
 
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};

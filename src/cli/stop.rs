@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::decide::{REASON_BYTES_MAX, SigningArgs, identity, parse_identity};
 use super::side::Side;
+use super::status::report::stopped_line;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -60,6 +61,19 @@ pub struct GoalArgs {
     pub signature: SigningArgs,
 }
 
+/// The arguments of `note`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+The reason is the note: it stays on record, stands in the log and is a mark in `health`.
+
+Example:
+  holdpoint note --as mara --reason 'the tray was changed at six; first blocks stuck'")]
+pub struct NoteArgs {
+    /// Whose it is, and what it says.
+    #[command(flatten)]
+    pub signature: SigningArgs,
+}
+
 fn parse_why(text: &str) -> Result<Untrusted, String> {
     if text.len() > REASON_BYTES_MAX {
         return Err(format!("{} bytes are too many; up to {REASON_BYTES_MAX} are allowed", text.len()));
@@ -81,7 +95,26 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> R
     let who = identity(context, signature)?;
     let by = signature.identity.clone();
     let reason = signature.reason.raw().to_owned();
-    Side::open(context)?.carry_out_as(context, &who, Command::Go { by, reason }, out)
+    let mut side = Side::open(context)?;
+    // What comes between this look and the command is not known, and the engine refuses.
+    let stops = match side.snapshot()?.stopped {
+        Some(stopped) => {
+            if !out.is_json() {
+                out.line(&stopped_line(&stopped))?;
+            }
+            stopped.stops
+        }
+        None => 0,
+    };
+    side.carry_out_as(context, &who, Command::Go { by, reason, stops }, out)
+}
+
+/// Leaves a note for those who come after.
+pub(super) fn note(context: &CliContext, args: &NoteArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let signature = &args.signature;
+    let who = identity(context, signature)?;
+    let (by, text) = (signature.identity.clone(), signature.reason.raw().to_owned());
+    Side::open(context)?.carry_out_as(context, &who, Command::Note { by, text }, out)
 }
 
 /// Gives the agent of the live cell a goal.

@@ -88,6 +88,7 @@ const fn is_of_people(kind: RecordKind) -> bool {
             | RecordKind::Asked
             | RecordKind::AlarmReset
             | RecordKind::GoalSet
+            | RecordKind::ShiftNote
             | RecordKind::CellStopped
             | RecordKind::CellReleased
             | RecordKind::WitnessSet
@@ -300,6 +301,7 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
         RecordKind::GoalSet => {
             format!("{} set the goal {}{}", somebody(), told.text("goal")?, told.with(": ", "reason"))
         }
+        RecordKind::ShiftNote => format!("{} notes{}", somebody(), told.with(": ", "text")),
         RecordKind::AlarmReset => format!("{} reset it{}", somebody(), told.with(": ", "reason")),
         RecordKind::Asked => {
             let user =

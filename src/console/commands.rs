@@ -8,7 +8,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
 
 /// A command with an argument: name, argument, help.
-pub const WITH_ARGUMENT: [(&str, &str, &str); 11] = [
+pub const WITH_ARGUMENT: [(&str, &str, &str); 12] = [
     ("as", "NAME", "Sit down as this identity"),
     ("candidate", "VERSION", "Show a version in full"),
     ("close", "PROFILE", "Close a profile to the version under the cursor, reason required"),
@@ -16,6 +16,7 @@ pub const WITH_ARGUMENT: [(&str, &str, &str); 11] = [
     ("drift", "KIND MAGNITUDE | off", "Let a drift set in in the simulated cell, or end it"),
     ("export", "", "Export this view as text and JSON"),
     ("goal", "GOAL", "Say what the agent of the live cell works towards, reason required"),
+    ("note", "", "Leave a note for those who come after: on record, and marked in Health"),
     ("open", "PROFILE", "Open a profile to the version under the cursor again, reason required"),
     ("pace", "N | max", "Simulated seconds in a second of the live cell"),
     ("register", "DIR", "Submit a candidate's folder"),
@@ -40,6 +41,8 @@ pub enum Asked {
     Profile(ProfileName, bool),
     /// What the agent works towards, in words for its interpreter.
     Goal(String),
+    /// A note for those who come after.
+    Note,
 }
 
 impl Asked {
@@ -53,7 +56,8 @@ impl Asked {
             | Self::Pace(_)
             | Self::Drift(_)
             | Self::Profile(..)
-            | Self::Goal(_) => true,
+            | Self::Goal(_)
+            | Self::Note => true,
             Self::As(_) | Self::Theme(_) | Self::Candidate(_) => false,
         }
     }
@@ -78,6 +82,8 @@ pub fn parse(text: &str) -> Result<Asked, String> {
         "pace" => pace(rest).map(Asked::Pace),
         "drift" => drift(rest),
         "goal" => needs("a goal: pick-align-place, grasp, align or place").map(Asked::Goal),
+        "note" if rest.is_empty() => Ok(Asked::Note),
+        "note" => Err(":note takes nothing after it; it opens a form".to_owned()),
         "close" => needs("a profile: sim, real or human").and_then(|name| profile(&name, true)),
         "open" if !rest.is_empty() => profile(rest, false),
         "candidate" if !rest.is_empty() => {
@@ -215,6 +221,7 @@ mod tests {
             ("candidate", Asked::Action(Action::ShowCandidate)),
             ("drift off", Asked::Drift(None)),
             ("goal align", Asked::Goal("align".to_owned())),
+            ("note", Asked::Note),
             ("close human", Asked::Profile(ProfileName::Human, true)),
             ("open human", Asked::Profile(ProfileName::Human, false)),
             ("open", Asked::Action(Action::Open)),

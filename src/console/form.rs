@@ -44,10 +44,12 @@ pub enum Intent {
     Continue(CapabilityId),
     /// Make a superseded version of a stopped family active again.
     Rearm(CapabilityId),
-    /// Let the cell work again that was stopped last at this virtual time, ms.
-    Go(u64),
+    /// Let the cell work again that was stopped so many times, the last one at a virtual time.
+    Go { stops: u64, last_ms: u64 },
     /// Give the agent of the live cell a goal.
     Goal(String),
+    /// Leave a note for those who come after.
+    Note,
     /// Set an alarm aside.
     Shelve(String),
     /// Close a latched alarm.
@@ -91,8 +93,9 @@ impl Intent {
             Self::Restrict(_) => "Restrict",
             Self::Continue(_) => "Let go on",
             Self::Rearm(_) => "Make active again",
-            Self::Go(_) => "Let it work again",
+            Self::Go { .. } => "Let it work again",
             Self::Goal(_) => "Work towards",
+            Self::Note => "Leave it",
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
             Self::Register(_) => "Submit",
@@ -121,8 +124,9 @@ impl Intent {
             Self::Restrict(id) => format!("Restrict {id}"),
             Self::Continue(id) => format!("Let {id} go on: answer its monitor"),
             Self::Rearm(id) => format!("Make {id} active again"),
-            Self::Go(_) => "Let the stopped cell work again".to_owned(),
+            Self::Go { .. } => "Let the stopped cell work again".to_owned(),
             Self::Goal(goal) => format!("Work towards {goal}"),
+            Self::Note => "Leave a note for those who come after".to_owned(),
             Self::Shelve(alarm) => format!("Shelve {alarm}"),
             Self::ResetAlarm(alarm) => format!("Reset {alarm}"),
             Self::Register(Some(folder)) => format!("Submit {folder:?}"),
@@ -401,7 +405,8 @@ impl Form {
             Intent::Restrict(id) => Command::Restrict(operation(id, &reason)),
             Intent::Continue(id) => Command::Continue(operation(id, &reason)),
             Intent::Rearm(id) => Command::Rearm(operation(id, &reason)),
-            Intent::Go(_) => Command::Go { by, reason },
+            Intent::Go { stops, .. } => Command::Go { by, reason, stops: *stops },
+            Intent::Note => Command::Note { by, text: reason },
             Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason },
             Intent::Shelve(alarm) => {
                 Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason }

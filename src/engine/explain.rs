@@ -13,6 +13,7 @@ use on_record::{
 pub use remedy::is_in_favour;
 
 use crate::dossier::Dossier;
+use crate::stated;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::kept::{KeptUse, KeptVoid, SeedRange};
@@ -96,6 +97,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::Drift
             | RecordKind::LiveFault
             | RecordKind::GoalSet
+            | RecordKind::ShiftNote
             | RecordKind::CellStopped
             | RecordKind::CellReleased
             | RecordKind::Commissioned
@@ -169,6 +171,9 @@ impl Reader<'_> {
             .filter_map(moved)
             .collect();
         self.push(record, ruling, &reasons, &dossier);
+        if let Some(pushed) = self.decisions.last_mut() {
+            pushed.said = stated::sentences(&record.body);
+        }
         moved.into_iter().rev().for_each(|text| self.then(text));
     }
 
@@ -217,7 +222,7 @@ impl Reader<'_> {
         };
         let count: u64 = differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum();
         self.then(format!(
-            "{count} of {rerun} results kept in the {place} came out otherwise when they were run again; none of them              counts, and the comparison began anew (record {})",
+            "{count} of {rerun} results kept in the {place} came out otherwise when they were run again; none of them counts, and the comparison began anew (record {})",
             record.seq
         ));
     }
@@ -229,6 +234,7 @@ impl Reader<'_> {
             at_ms: record.at_ms,
             rule: ruling.rule(),
             ruling,
+            said: Vec::new(),
             reasons: vec![said(text, Dimension::Approval)],
             change: Vec::new(),
             permissions: None,
@@ -269,6 +275,7 @@ impl Reader<'_> {
             ruling,
             permissions: dossier.permissions.clone().filter(|_| is_sandbox),
             kept: dossier.kept.clone().filter(|_| is_sandbox),
+            said: Vec::new(),
             reasons: reasons
                 .into_iter()
                 .map(|reason| ExplainedReason {
@@ -381,5 +388,5 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
         .collect();
     let ruling = Ruling::Rollback(told.post_status.into());
     let (record, at_ms, rule) = (record.seq, record.at_ms, ruling.rule());
-    Explained { record, at_ms, rule, ruling, reasons, change, permissions: None, kept: None, then }
+    Explained { record, at_ms, rule, ruling, said: Vec::new(), reasons, change, permissions: None, kept: None, then }
 }

@@ -154,11 +154,19 @@ pub(crate) fn go(
     world: &mut LiveWorld,
     by: String,
     reason: String,
+    known: u64,
     caller: Caller,
 ) -> Result<Reply, StoreError> {
     let refuse = |code, text: &str| Ok(Reply::Refused { code, text: text.to_owned(), hint: None });
-    if world.halted.is_none() {
+    let Some(halted) = &world.halted else {
         return refuse(Refusal::NotNow, "the cell is not stopped");
+    };
+    if halted.stops != known {
+        let text = match halted.stops {
+            1 => format!("it was stopped once, and {known} stops are said to be known: read who stopped it"),
+            stops => format!("it was stopped {stops} times, and {known} of them are known: read who did and why"),
+        };
+        return refuse(Refusal::NotNow, &text);
     }
     let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
     if !fits(&by) || !fits(&reason) {

@@ -3,8 +3,12 @@
 use holdpoint_runtime::task::TaskRecord;
 use serde::{Deserialize, Serialize};
 
-/// The stream of telemetry that live tasks are kept in.
+/// The stream of telemetry that live tasks of watched versions are kept in.
 pub(crate) const LIVE: &str = "live";
+
+/// As above, of versions that no monitor watches: without their paths. No rule reads them; they say how it was before
+/// an upgrade.
+pub(crate) const UNWATCHED: &str = "live-unwatched";
 
 /// A live task, to be written.
 #[derive(Serialize)]

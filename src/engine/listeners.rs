@@ -5,6 +5,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::{Closed, MakeSink, Pictures, Report, Serve, Setup, Sink};
 use holdpoint_recordings::record::{KIND, Recorded};
@@ -57,8 +60,30 @@ impl Listeners {
         self.sinks.iter().find_map(|sink| sink.serve())
     }
 
-    /// Hands over what happened.
-    pub fn events(&mut self, engine: &Engine, events: &[Event]) {
+    /// Hands over what happened. After a refusal in the sandbox, where no live arm moved, comes what it was refused for.
+    pub fn events(&mut self, engine: &mut Engine, events: &[Event]) {
+        if self.sinks.is_empty() {
+            return;
+        }
+        let mut rest = events;
+        while let Some((at, version)) = rest.iter().enumerate().find_map(refused_in_sandbox) {
+            let (before, after) = rest.split_at(at + 1);
+            self.hand_over(engine, before);
+            rest = after;
+            match engine.pipeline.films_of_refusal(version) {
+                Ok(films) => {
+                    self.sinks.iter_mut().for_each(|sink| films.iter().for_each(|film| sink.film(version, film)));
+                }
+                Err(fault) => {
+                    let text = format!("{version}: what it was refused for is not in its recording: {}", fault.sentence());
+                    engine.pipeline.tell_scene(text, true);
+                }
+            }
+        }
+        self.hand_over(engine, rest);
+    }
+
+    fn hand_over(&mut self, engine: &Engine, events: &[Event]) {
         for sink in &mut self.sinks {
             sink.events(events, &|| engine.snapshot());
         }
@@ -77,6 +102,16 @@ impl Listeners {
         for sink in self.sinks.drain(..) {
             take_in(engine, sink.finish(patience));
         }
+    }
+}
+
+/// Where a version was refused for what it did in the sandbox.
+const fn refused_in_sandbox((at, event): (usize, &Event)) -> Option<(usize, &CapabilityId)> {
+    match &event.kind {
+        EventKind::Decided { version, stage: Stage::Sandbox, outcome: StageOutcome::Reject, .. } => {
+            Some((at, version))
+        }
+        _ => None,
     }
 }
 

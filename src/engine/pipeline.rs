@@ -25,6 +25,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_runtime::capability::Capability;
@@ -44,6 +45,7 @@ use crate::people::approvals::Approvals;
 use crate::people::signed_calls::SignedCalls;
 use crate::record::Record;
 use crate::restart;
+use crate::retake;
 use crate::stages::activation::Activation;
 use crate::stages::confirmation::{self, ConfirmationRun};
 use crate::stages::emergency;
@@ -501,6 +503,14 @@ impl Pipeline {
             world: &self.world,
         };
         view.snapshot()
+    }
+
+    /// What a version was refused for in the sandbox, worked again to be seen.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub(crate) fn films_of_refusal(&self, id: &CapabilityId) -> Result<Vec<Film>, Fault> {
+        retake::of_refusal(&self.context, &self.record, &self.dossiers, id)
     }
 
     /// Stops the arm where it works now, from any thread.

@@ -143,7 +143,7 @@ impl Pump {
         if let Some(door) = &self.door {
             door.publish(&events);
         }
-        self.listeners.events(&self.engine, &events);
+        self.listeners.events(&mut self.engine, &events);
         events
     }
 

@@ -42,20 +42,56 @@ pub fn film(
     id: &CapabilityId,
     asked: FilmAsked,
 ) -> Result<Reply, Fault> {
-    let stored = record.ledger().store().views()?.version(id)?;
-    let Some(stored) = stored else {
+    let Some(dossier) = dossier_of(record, dossiers, id)? else {
         return Ok(refused(Refusal::NotFound, format!("there is no version {id} in the registry")));
     };
-    let dossier = whole_dossier(dossiers, id, &stored.evidence);
-    let chosen = match choose::choose(&dossier, asked) {
+    Ok(match take(context, record, dossiers, (id, &dossier), asked)? {
+        Ok(film) => Reply::Film { film: Box::new(film) },
+        Err(why) => refused(Refusal::NotFound, why),
+    })
+}
+
+/// What a version was refused for in the sandbox, to be seen: the worst paired episode, the worst of those it worked
+/// alone, and the worst failed drill of each kind.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn of_refusal(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    id: &CapabilityId,
+) -> Result<Vec<Film>, Fault> {
+    let Some(dossier) = dossier_of(record, dossiers, id)? else { return Ok(Vec::new()) };
+    let mut films = Vec::new();
+    for asked in choose::worst_of_each(&dossier) {
+        // What was not worked is not shown.
+        films.extend(take(context, record, dossiers, (id, &dossier), asked)?.ok());
+    }
+    Ok(films)
+}
+
+fn dossier_of(record: &Record, dossiers: &Dossiers, id: &CapabilityId) -> Result<Option<Dossier>, Fault> {
+    let stored = record.ledger().store().views()?.version(id)?;
+    Ok(stored.map(|stored| whole_dossier(dossiers, id, &stored.evidence)))
+}
+
+/// Works the piece that is asked for; a sentence says why there is none.
+fn take(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    (id, dossier): (&CapabilityId, &Dossier),
+    asked: FilmAsked,
+) -> Result<Result<Film, String>, Fault> {
+    let chosen = match choose::choose(dossier, asked) {
         Ok(chosen) => chosen,
-        Err(why) => return Ok(refused(Refusal::NotFound, format!("{id}: {why}"))),
+        Err(why) => return Ok(Err(format!("{id}: {why}"))),
     };
     let (_, _, member) = record.ledger().version(id)?;
     let candidate = &member.capability;
-    let Some((active, binding)) = compared_with(record, &dossier, candidate) else {
-        let text = format!("the version that {id} was compared with is not in the registry");
-        return Ok(refused(Refusal::NotFound, text));
+    let Some((active, binding)) = compared_with(record, dossier, candidate) else {
+        return Ok(Err(format!("the version that {id} was compared with is not in the registry")));
     };
     let conditions = match asked.of {
         FilmOf::Episode | FilmOf::Drill | FilmOf::Alone => &dossier.tried_under,
@@ -78,7 +114,7 @@ pub fn film(
     if [&new, &old].into_iter().any(|run| run.frames.len() >= FRAMES_MAX) {
         doubts.push("it goes on after what is shown: two minutes are kept".to_owned());
     }
-    let film = Film {
+    Ok(Ok(Film {
         of: asked.of,
         number,
         count,
@@ -91,8 +127,7 @@ pub fn film(
         scenery: portrait::scenery(&context.cell.scene),
         candidate: new,
         active: old,
-    };
-    Ok(Reply::Film { film: Box::new(film) })
+    }))
 }
 
 fn refused(code: Refusal, text: String) -> Reply {

@@ -90,6 +90,8 @@ crate::words! {
         LiveFault = "live-fault",
         /// The agent of the live cell was given a goal: by whom and why.
         GoalSet = "goal-set",
+        /// A person left a note for those who come after: whose, and what it says.
+        ShiftNote = "shift-note",
         /// A person stopped the cell.
         CellStopped = "cell-stopped",
         /// A person let the stopped cell work again.

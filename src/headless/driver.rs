@@ -101,7 +101,9 @@ impl<'a> Driver<'a> {
         } else if let Some(Say { who, reason }) = &step.stop {
             self.accept(Command::Stop { by: who.clone(), reason: reason.clone() })
         } else if let Some(Say { who, reason }) = &step.go {
-            self.accept(Command::Go { by: who.clone(), reason: reason.clone() })
+            // A script knows what it did.
+            let stops = self.pump.engine().snapshot().stopped.map_or(0, |stopped| stopped.stops);
+            self.accept(Command::Go { by: who.clone(), reason: reason.clone(), stops })
         } else if let Some(work) = &step.work {
             self.work(work, index)
         } else if let Some(pass) = step.pass {

@@ -54,6 +54,7 @@ impl Command {
             | Self::UnshelveAlarm { .. }
             | Self::Drift { .. }
             | Self::LiveFault { .. }
+            | Self::Note { .. }
             | Self::Pace { .. } => Authority::Neither,
         }
     }
@@ -86,7 +87,8 @@ impl Command {
             | Self::UnshelveAlarm { by, .. }
             | Self::Stop { by, .. }
             | Self::Go { by, .. }
-            | Self::Goal { by, .. } => Some(by),
+            | Self::Goal { by, .. }
+            | Self::Note { by, .. } => Some(by),
             Self::Register { .. }
             | Self::Decide { .. }
             | Self::Person { .. }

@@ -147,6 +147,16 @@ pub enum Command {
         by: String,
         /// Why it is safe, in the person's own words; a blank reason is refused.
         reason: String,
+        /// How many stops of this standstill the person knows of
+        /// ([`StoppedView::stops`](crate::snapshot::StoppedView::stops)); refused where there are more.
+        stops: u64,
+    },
+    /// Leave a note for those who come after: on record, and a mark over the charts of health. It changes nothing else.
+    Note {
+        /// Whose it is.
+        by: String,
+        /// What it says; a blank one is refused.
+        text: String,
     },
     /// What the agent of the live world works towards, from the next sequence on.
     Goal {
@@ -378,6 +388,7 @@ impl Command {
             | Self::Continue(_)
             | Self::Go { .. }
             | Self::Goal { .. }
+            | Self::Note { .. }
             | Self::Pace { .. }
             | Self::Shutdown => false,
         }
@@ -445,6 +456,7 @@ impl Command {
             | Self::Stop { .. }
             | Self::Go { .. }
             | Self::Goal { .. }
+            | Self::Note { .. }
             | Self::Pace { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }

@@ -293,6 +293,13 @@ pub enum EventKind {
         /// Why, in the person's own words.
         reason: String,
     },
+    /// A person left a note for those who come after.
+    ShiftNote {
+        /// Whose it is.
+        by: String,
+        /// What it says.
+        text: String,
+    },
     /// Somebody answered a monitor's question: the version goes on as it is.
     Continued {
         /// The active version the question was about.

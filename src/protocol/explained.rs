@@ -44,6 +44,9 @@ pub struct Explained {
     pub ruling: Ruling,
     /// The rule that decided.
     pub rule: Rule,
+    /// The deciding sentences with their numbers, as they went on record with it; none in records of older builds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub said: Vec<String>,
     /// Why, the deciding reasons first.
     pub reasons: Vec<ExplainedReason>,
     /// What would have to change for the next better outcome; empty if there is none.
@@ -337,6 +340,7 @@ mod tests {
             at_ms: 1_500,
             ruling: Ruling::Activation(StageOutcome::Pass.into()),
             rule: Rule::Activation,
+            said: Vec::new(),
             reasons: vec![reason, beside],
             change: Vec::new(),
             permissions: None,

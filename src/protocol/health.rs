@@ -82,6 +82,8 @@ holdpoint_governance::words! {
         Released = "released",
         /// The agent was given another goal.
         Goal = "goal",
+        /// A person left a note.
+        Note = "note",
         /// Profile, policy or thresholds came into force.
         Context = "context",
         /// What is normal for a family was counted.
@@ -113,6 +115,7 @@ impl MarkKind {
             Self::Stopped => 'X',
             Self::Released => 'W',
             Self::Goal => 'g',
+            Self::Note => 'N',
             Self::Context => 'p',
             Self::Commissioned => 'n',
             Self::EngineOff => 'o',
@@ -127,7 +130,7 @@ impl MarkKind {
             Self::Demotion | Self::Promotion | Self::Stopped => 1,
             Self::DriftAlarm | Self::Restriction => 2,
             Self::Drift | Self::LiveFault | Self::Restored => 3,
-            Self::Confirmed | Self::Released | Self::EngineOff => 4,
+            Self::Confirmed | Self::Released | Self::EngineOff | Self::Note => 4,
             Self::AlarmRaised | Self::AlarmReset => 5,
             Self::FirstVersion | Self::Goal | Self::Context | Self::Commissioned => 6,
         }
@@ -154,6 +157,7 @@ impl MarkKind {
             Self::Stopped => "cell stopped",
             Self::Released => "cell let go",
             Self::Goal => "goal",
+            Self::Note => "note",
             Self::Context => "profile",
             Self::Commissioned => "commissioned",
             Self::EngineOff => "no engine",

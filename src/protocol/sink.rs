@@ -11,6 +11,7 @@ use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::words::Word;
 
 use crate::event::Event;
+use crate::film::Film;
 use crate::picture::Picture;
 use crate::snapshot::Snapshot;
 
@@ -43,6 +44,8 @@ pub trait Sink: Send {
     fn serve(&self) -> Option<Serve>;
     /// Takes what happened. `state` says how things stand; it is worked out only when it is called.
     fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot);
+    /// Takes a piece of an evaluation of `version`, worked again after it was refused for it.
+    fn film(&mut self, version: &CapabilityId, film: &Film);
     /// What there is to report; never waits.
     fn reports(&mut self) -> Vec<Report>;
     /// Ends it: what waits is written, for at most `patience`.

@@ -140,6 +140,10 @@ pub struct StoppedView {
     /// How many more times it was stopped again, between the first and those.
     #[serde(default)]
     pub unnamed: u64,
+    /// How many times it was stopped since it last worked, the first included; whoever lets it work again says how many
+    /// of them they know of.
+    #[serde(default)]
+    pub stops: u64,
 }
 
 /// The most people that are named as having stopped a cell again that was stopped already.
@@ -162,13 +166,14 @@ impl StoppedView {
     /// A stop that nobody has added to yet; the arm may still move.
     #[must_use]
     pub const fn first(by: String, caller: Caller, reason: String, since_ms: u64) -> Self {
-        Self { by, caller, reason, since_ms, stood_after_ticks: None, again: Vec::new(), unnamed: 0 }
+        Self { by, caller, reason, since_ms, stood_after_ticks: None, again: Vec::new(), unnamed: 0, stops: 1 }
     }
 
     /// Somebody stops the stopped cell. The same one with the same reason is named once, at the last time.
     pub fn note_again(&mut self, stop: StopAgain) {
         let is_same =
             |one: &StopAgain| one.by == stop.by && one.caller == stop.caller && one.reason == stop.reason;
+        self.stops += 1;
         self.again.retain(|one| !is_same(one));
         self.again.push(stop);
         if self.again.len() > STOPS_NAMED_MAX {

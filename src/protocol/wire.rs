@@ -12,7 +12,7 @@ use crate::seat::Sitting;
 use crate::snapshot::Snapshot;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 6;
+pub const PROTOCOL: u32 = 7;
 
 /// The longest line a client may send, bytes.
 pub const CALL_BYTES_MAX: usize = 1024 * 1024;

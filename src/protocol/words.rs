@@ -188,6 +188,7 @@ fn text(kind: &EventKind) -> String {
             Some(fault) => format!("fault    {fault} in the live world"),
             None => "fault    mended in the live world".to_owned(),
         },
+        EventKind::ShiftNote { by, text } => format!("note     {by}: {text}"),
         EventKind::GoalSet { goal, by, reason } => format!("goal     {goal}: {by} says so ({reason})"),
         EventKind::Continued { version, by, reason } => {
             format!("goes on  {version}: {by} says so ({reason})")

@@ -73,6 +73,7 @@ pub fn recording(film: &Film, about: About) -> Recording {
             series("tool/contact", &|frame| frame.contact_n),
             limit("tool/contact", envelope.contact_n),
         ],
+        films: Vec::new(),
         dropped: (0, 0),
     }
 }

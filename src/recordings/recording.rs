@@ -33,6 +33,28 @@ pub struct Series {
     pub points: Vec<(u64, f64)>,
 }
 
+/// A piece of an evaluation that was worked again, so that the recording shows it: in which part of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FilmSpan {
+    /// Virtual time of its first picture as it is laid in the recording, ms; it was not worked at that time.
+    pub from_ms: u64,
+    /// Of its last one, ms.
+    pub until_ms: u64,
+    /// Which piece: `episode 17 of 120, seed 10016`.
+    pub title: String,
+    /// Why this one; may be empty.
+    pub why: String,
+}
+
+impl FilmSpan {
+    /// What is seen, one sentence.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let why = if self.why.is_empty() { String::new() } else { format!(": {}", self.why) };
+        format!("worked again, with the active version as its twin: {}{why}", self.title)
+    }
+}
+
 /// Everything that was kept of one upgrade, in order of virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recording {
@@ -41,11 +63,14 @@ pub struct Recording {
     pub outcome: Option<Word<UpgradeEnd>>,
     /// What does not move.
     pub scenery: Scenery,
-    /// Moments of the live cell. A decimated recording has fewer of them; nothing between two is made up.
+    /// Moments of the live cell, and of what was worked again ([`Self::films`]). A decimated recording has fewer of them; nothing between two is made up.
     pub pictures: Vec<Picture>,
     pub events: Vec<Event>,
     /// What was charted, by name.
     pub series: Vec<Series>,
+    /// Pieces of its evaluation that were worked again, in order.
+    #[serde(default)]
+    pub films: Vec<FilmSpan>,
     /// Pictures and events that were dropped on the way because the queue was full.
     pub dropped: (u64, u64),
 }

@@ -61,21 +61,21 @@ impl TelemetryViews {
         read().map_err(StoreError::sql("read telemetry"))
     }
 
-    /// Calls `visit` with each batch of one stream from the number `first` to `last`, in order, one at a time.
+    /// Calls `visit` with each batch of two streams from the number `first` to `last`, in order, one at a time.
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn each_of_stream(
+    pub fn each_of_streams(
         &self,
-        stream: &str,
+        [one, other]: [&str; 2],
         (first, last): (u64, u64),
         mut visit: impl FnMut(LyingBatch),
     ) -> Result<(), StoreError> {
-        let sql = format!("{LYING} WHERE id BETWEEN ?1 AND ?2 AND stream = ?3 ORDER BY id");
+        let sql = format!("{LYING} WHERE id BETWEEN ?1 AND ?2 AND stream IN (?3, ?4) ORDER BY id");
         let bound = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
         let mut read = || {
             let mut select = self.connection.prepare_cached(&sql)?;
-            let mut rows = select.query(rusqlite::params![bound(first), bound(last), stream])?;
+            let mut rows = select.query(rusqlite::params![bound(first), bound(last), one, other])?;
             while let Some(row) = rows.next()? {
                 visit(LyingBatch {
                     number: row.get(0)?,

@@ -22,6 +22,7 @@ use holdpoint_protocol::event::Event;
 use holdpoint_protocol::film::{FilmFrame, FilmMark};
 use holdpoint_protocol::picture::{Picture, Point, Scenery};
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_recordings::recording::FilmSpan;
 
 /// A drawing: rows that wait, and what has to be remembered between two of them.
 #[derive(Debug)]
@@ -94,6 +95,14 @@ impl Drawing {
         self.draw_tool(picture, &moment);
         record::frame(&mut self.rows, picture, &moment, says_blocks);
         self.standing = Some(picture.sequence);
+    }
+
+    /// A piece of an evaluation begins, which is drawn as a sequence of this number.
+    pub fn film(&mut self, seen: &FilmSpan, sequence: u64) {
+        self.sequence = sequence;
+        let moment = self.moment(seen.from_ms, sequence);
+        self.tell_film(seen, &moment);
+        record::film(&mut self.rows, seen, &moment);
     }
 
     /// A moment of one version in a piece of an evaluation, as columns.

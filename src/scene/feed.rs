@@ -4,7 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::film::Film;
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::snapshot::Snapshot;
 
@@ -21,6 +23,8 @@ pub enum Item {
     Picture(Box<Picture>),
     /// Things that happened, in order, and how things stood after them if one of them changes a chart.
     Events(Vec<Event>, Option<Box<Snapshot>>),
+    /// A piece of a version's evaluation, worked again.
+    Film(CapabilityId, Box<Film>),
     /// Serve a live viewer at this address from now on.
     Serve(std::net::SocketAddr),
     /// Write what waits, end every file in good order, and stop.
@@ -90,6 +94,15 @@ impl Feed {
         let shown = events.iter().any(|event| changes_a_chart(&event.kind)).then(|| Box::new(snapshot()));
         if self.queue.try_send(Item::Events(events.to_vec(), shown)).is_err() {
             self.dropped.events.fetch_add(events.len() as u64, Ordering::Relaxed);
+        }
+    }
+
+    /// A piece of an evaluation; dropped if the queue is full, as so many pictures.
+    pub fn film(&self, version: &CapabilityId, film: &Film) {
+        let item = Item::Film(version.clone(), Box::new(film.clone()));
+        if self.queue.try_send(item).is_err() {
+            let pictures = film.candidate.frames.len().max(film.active.frames.len());
+            self.dropped.pictures.fetch_add(pictures as u64, Ordering::Relaxed);
         }
     }
 

@@ -5,7 +5,6 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use super::drawing::RecordingHead;
 use super::writer::{RecordingPlace, Writer};
@@ -28,17 +27,7 @@ pub fn write(path: &Path, about: About, film: &Film) -> Result<(), ReadError> {
     let head = RecordingHead { about, scenery: film.scenery.clone() };
     let open = |path: &Path| File::create(path);
     let mut writer = Writer::begin(head, place, false, 0, &open).map_err(failed)?;
-    for picture in holdpoint_recordings::film::pictures(film) {
-        writer.earlier(vec![Arc::new(picture)]).map_err(failed)?;
-    }
-    for (who, run) in [("candidate", &film.candidate), ("active", &film.active)] {
-        for mark in &run.marks {
-            writer.mark(who, mark, holdpoint_recordings::film::at_ms(mark.tick));
-        }
-        for frame in &run.frames {
-            writer.columns(who, frame, holdpoint_recordings::film::at_ms(frame.tick)).map_err(failed)?;
-        }
-    }
+    writer.film(film).map_err(failed)?;
     writer.end(None, (0, 0)).map(drop)
 }
 

@@ -55,6 +55,9 @@ pub const PATH_STEP_M: f32 = 0.015;
 /// The most points of a tool path.
 pub const PATH_POINTS_MAX: usize = 96;
 
+/// Between two pieces of an evaluation that are laid one after the other, ms.
+pub const FILM_GAP_MS: u64 = 500;
+
 /// How often a limit is said again, ms: a chart draws a line only between two points.
 pub const LIMIT_EVERY_MS: u64 = 5_000;
 

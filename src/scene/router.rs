@@ -18,6 +18,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::words::Word;
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::film::Film;
 use holdpoint_protocol::picture::{Picture, Scenery};
 use holdpoint_protocol::sink::{Closed, Report};
 use holdpoint_protocol::snapshot::Snapshot;
@@ -110,6 +111,11 @@ impl Router {
         while self.ring.len() > RING_MAX || self.ring.front().is_some_and(|first| first.at_ms < oldest_ms) {
             self.ring.pop_front();
         }
+    }
+
+    /// A piece of a version's evaluation, worked again.
+    pub fn film(&mut self, version: &CapabilityId, film: &Film) {
+        self.with(version, |writer| writer.film(film));
     }
 
     /// Things that happened, and how they stood afterwards.

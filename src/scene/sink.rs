@@ -14,7 +14,9 @@ use super::live::LiveServer;
 use super::router::{Router, folder_shown};
 use super::writer::Open;
 use super::{SceneConfig, SceneError};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::event::Event;
+use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::{Pictures, Report, Serve, Sink};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Hint;
@@ -95,6 +97,10 @@ impl Sink for Scenes {
 
     fn events(&mut self, events: &[Event], state: &dyn Fn() -> Snapshot) {
         self.feed.events(events, state);
+    }
+
+    fn film(&mut self, version: &CapabilityId, film: &Film) {
+        self.feed.film(version, film);
     }
 
     fn reports(&mut self) -> Vec<Report> {
@@ -196,6 +202,11 @@ impl SinkWorker {
                 }
                 if snapshot.is_some() {
                     self.last = snapshot;
+                }
+            }
+            Item::Film(version, film) => {
+                if let Some(router) = &mut self.router {
+                    router.film(&version, &film);
                 }
             }
             Item::Serve(address) => self.serve(address),

@@ -41,6 +41,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Drift { .. }
         | EventKind::LiveFault { .. }
         | EventKind::GoalSet { .. }
+        | EventKind::ShiftNote { .. }
         | EventKind::Commissioned { .. }
         | EventKind::SensesCommissioned { .. }
         | EventKind::CellStopped { .. }

@@ -10,7 +10,7 @@ use rerun::{AnyValues, EntityPath, RecordingInfo, StoreId, components};
 use super::compact;
 use super::drawing::{self, Drawing, RecordingHead, Tail};
 use super::file::{Framed, message, opening, store};
-use super::limits::{FILE_BYTES_MAX, PATH_EVERY_MS};
+use super::limits::{FILE_BYTES_MAX, FILM_GAP_MS, PATH_EVERY_MS};
 use super::pace::{News, PictureSampler};
 use super::rows::Ids;
 use super::{ReadError, blueprint, words};
@@ -18,9 +18,10 @@ use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
-use holdpoint_protocol::film::{FilmFrame, FilmMark};
+use holdpoint_protocol::film::Film;
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::Closed;
+use holdpoint_recordings::recording::FilmSpan;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Untrusted;
 
@@ -48,6 +49,10 @@ pub struct Writer {
     active: bool,
     /// The live world's last sequence that ended.
     worked: Option<u64>,
+    /// Until when pieces of its evaluation are laid, virtual ms; at first where the file begins.
+    filmed_ms: u64,
+    /// How many of them there are.
+    films: u64,
     /// The newest shadowed sequence in which twin and live world did not agree.
     disagreed: Option<u64>,
 }
@@ -89,6 +94,8 @@ impl Writer {
             shadow: false,
             active: false,
             worked: None,
+            filmed_ms: at_ms,
+            films: 0,
             disagreed: None,
         };
         writer.flush()?;
@@ -122,18 +129,38 @@ impl Writer {
         self.draw(&chosen)
     }
 
-    /// A moment of one version in a piece of an evaluation, as columns: joints and tool.
+    /// A piece of its evaluation, worked again: pictures of both versions, their joints and tools as columns, what
+    /// happened in the log. The first one is laid where the file begins, each further one after the one before.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn columns(&mut self, who: &str, frame: &FilmFrame, at_ms: u64) -> io::Result<()> {
-        self.drawing.columns(who, frame, at_ms);
-        if self.drawing.rows().are_many() { self.flush() } else { Ok(()) }
-    }
-
-    /// Something that happened to one version in a piece of an evaluation, in the log.
-    pub fn mark(&mut self, who: &str, mark: &FilmMark, at_ms: u64) {
-        self.drawing.mark(who, mark, at_ms);
+    pub fn film(&mut self, film: &Film) -> io::Result<()> {
+        let from_ms = self.filmed_ms;
+        let at_ms = |tick: u64| from_ms.saturating_add(holdpoint_recordings::film::at_ms(tick));
+        self.films += 1;
+        let seen = FilmSpan { from_ms, until_ms: at_ms(film.end()), title: film.title(), why: film.why.clone() };
+        self.drawing.film(&seen, self.films);
+        for mut picture in holdpoint_recordings::film::pictures(film) {
+            picture.at_ms = from_ms.saturating_add(picture.at_ms);
+            picture.sequence = self.films;
+            self.earlier(vec![Arc::new(picture)])?;
+        }
+        for (who, run) in [("candidate", &film.candidate), ("active", &film.active)] {
+            for mark in &run.marks {
+                self.drawing.mark(who, mark, at_ms(mark.tick));
+            }
+            for frame in &run.frames {
+                if self.is_full() {
+                    break;
+                }
+                self.drawing.columns(who, frame, at_ms(frame.tick));
+                if self.drawing.rows().are_many() {
+                    self.flush()?;
+                }
+            }
+        }
+        self.filmed_ms = seen.until_ms.saturating_add(FILM_GAP_MS);
+        Ok(())
     }
 
     fn draw(&mut self, chosen: &[Arc<Picture>]) -> io::Result<()> {

@@ -104,6 +104,9 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(kept.path()).output().unwrap();
     assert!(verified.status.success(), "{verified:?}");
 
+    // What was not refused in the sandbox has pictures of the live cell alone.
+    assert!(recording.films.is_empty(), "{:?}", recording.films);
+
     // The same run again, with a viewer's address that somebody stalls: same bytes.
     let viewed = fresh();
     let port = free_port();
@@ -129,6 +132,35 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     let said = failures(&failed);
     assert!(said.iter().any(|text| text.contains("No space left on device")), "{said:?}");
     assert!(said.iter().any(|text| text.contains(&taken.local_addr().unwrap().to_string())), "{said:?}");
+}
+
+/// The commonest refusal can be watched: what it was refused for, from the recording's first moment on.
+#[test]
+fn a_refusal_in_the_sandbox_shows_what_it_was_for() {
+    let cache = tempfile::tempdir().unwrap();
+    for (name, drills) in [("reject-behavior", false), ("reject-recovery", true)] {
+        let kept = tempfile::tempdir().unwrap();
+        let told = events(&script(name, kept.path(), cache.path()).output().unwrap());
+        assert_eq!(failures(&told), Vec::<String>::new());
+        let (path, recording) = only_recording(kept.path());
+        let (first_ms, _) = recording.span_ms().unwrap();
+        assert_eq!(recording.films[0].from_ms, first_ms, "{name}: {:?}", recording.films);
+        assert_eq!(recording.pictures[0].at_ms, first_ms, "{name}");
+        let one_after_the_other =
+            recording.films.windows(2).all(|pair| pair[0].until_ms < pair[1].from_ms && !pair[1].title.is_empty());
+        assert!(one_after_the_other, "{name}: {:?}", recording.films);
+        for film in &recording.films {
+            let within = |at_ms: u64| (film.from_ms..=film.until_ms).contains(&at_ms);
+            let pictures = recording.pictures.iter().filter(|picture| within(picture.at_ms));
+            assert!(pictures.clone().count() > 30, "{name}: {film:?}");
+            assert!(pictures.clone().all(|picture| picture.twin.is_some()), "{name}: {film:?}");
+        }
+        assert_eq!(recording.films.iter().any(|film| film.title.contains("drill")), drills, "{name}");
+        let again = tempfile::tempdir().unwrap();
+        script(name, again.path(), cache.path()).output().unwrap();
+        let bytes = |path: &Path| std::fs::read(path).unwrap();
+        assert!(bytes(&path) == bytes(&only_recording(again.path()).0), "{name}: same seed, same bytes");
+    }
 }
 
 fn free_port() -> u16 {

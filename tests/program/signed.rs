@@ -156,7 +156,7 @@ fn refused(reply: &Reply, expected: Refusal, part: &str) {
 }
 
 fn go(by: &str) -> Command {
-    Command::Go { by: by.to_owned(), reason: "the cell is empty".to_owned() }
+    Command::Go { by: by.to_owned(), reason: "the cell is empty".to_owned(), stops: 1 }
 }
 
 fn of(version: &str, by: &str) -> Operation {
@@ -198,7 +198,7 @@ fn signs_once_and_here(profile: ProfileName) {
     asking.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "lets nothing go on");
     // Nothing else than what was signed, here and in time.
     let seal = asking.sign("mara", &go("mara"));
-    let other = Command::Go { by: "mara".to_owned(), reason: "another reason".to_owned() };
+    let other = Command::Go { by: "mara".to_owned(), reason: "another reason".to_owned(), stops: 1 };
     asking.refuses(&other, &seal, Refusal::NotAllowed, "signed another request");
     let for_omar = asking.sign("mara", &go("omar"));
     asking.refuses(&go("omar"), &for_omar, Refusal::NotAllowed, "names another person");

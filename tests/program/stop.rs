@@ -24,7 +24,11 @@ fn stop() -> Command {
 }
 
 fn go() -> Command {
-    Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned() }
+    go_knowing(1)
+}
+
+fn go_knowing(stops: u64) -> Command {
+    Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned(), stops }
 }
 
 fn accepted(reply: &Reply) {
@@ -135,9 +139,13 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
     // Each answer comes between two slices of work, of which there are none.
     let still = (0..50).map(|_| front.snapshot()).last().unwrap();
     assert_eq!((still.live.sequences, still.candidates[0].state.name()), (0, "registered"), "after {worked}");
-    let blank = Command::Go { by: "ana".to_owned(), reason: " ".to_owned() };
+    let blank = Command::Go { by: "ana".to_owned(), reason: " ".to_owned(), stops: 2 };
     assert_eq!(refusal(&front.carry_out(blank)), Refusal::BadInput);
-    accepted(&front.carry_out(go()));
+    // Who knows of one stop does not let go what the second one was for.
+    for known in [0, 1, 3] {
+        assert_eq!(refusal(&front.carry_out(go_knowing(known))), Refusal::NotNow);
+    }
+    accepted(&front.carry_out(go_knowing(2)));
     front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
     assert_eq!(front.snapshot().stopped, None);
     assert_eq!(refusal(&front.carry_out(go())), Refusal::NotNow);

@@ -576,6 +576,7 @@ pub fn detail() -> Detail {
             at_ms: 700_000,
             ruling: Ruling::Sandbox(StageOutcome::RollbackReview.into()),
             rule: Rule::Sandbox,
+            said: Vec::new(),
             reasons: vec![ExplainedReason {
                 code: Some(ReasonCode::RecoveryConditional.into()),
                 dimension: Some(Dimension::Recovery.into()),

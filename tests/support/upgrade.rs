@@ -309,6 +309,7 @@ pub fn recording() -> Recording {
         pictures: pictures(),
         events: (1..).zip(events).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),
         series: series(),
-        dropped: (12, 0),
+        films: Vec::new(),
+            dropped: (12, 0),
     }
 }

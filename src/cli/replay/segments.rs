@@ -30,6 +30,7 @@ fn join(parts: Vec<Recording>) -> Option<Recording> {
         }
         whole.pictures.extend(part.pictures);
         whole.events.extend(part.events);
+        whole.films.extend(part.films);
         for series in part.series {
             add(&mut whole.series, series);
         }
@@ -74,6 +75,7 @@ mod tests {
             pictures: Vec::new(),
             events: Vec::new(),
             series: vec![Series { name: name.to_owned(), points: points.to_vec() }],
+            films: Vec::new(),
             dropped: (1, 2),
         }
     }

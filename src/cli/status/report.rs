@@ -278,7 +278,8 @@ fn last_record_line(record: &AuditRecord) -> String {
     )
 }
 
-fn stopped_line(stopped: &StoppedView) -> String {
+/// Everybody who stopped the cell, and what ends it.
+pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
     let by = if stopped.by.is_empty() { "somebody" } else { &stopped.by };
     let since = clock_time(stopped.since_ms);
     let mut line = format!("STOPPED  by {by}, {}, since {since}", stopped.caller);

@@ -84,6 +84,7 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::Progress { .. }
         | EventKind::StateChanged { .. }
         | EventKind::GoalSet { .. }
+        | EventKind::ShiftNote { .. }
         | EventKind::Commissioned { .. }
         | EventKind::SensesCommissioned { .. }
         | EventKind::CellStopped { .. }

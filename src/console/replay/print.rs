@@ -22,6 +22,9 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     );
     writeln!(out, "{}", Untrusted::new(head).line())?;
     let is_shown = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);
+    for film in recording.films.iter().filter(|film| is_shown(film.from_ms)) {
+        writeln!(out, "{:>8} {}", tick_of(film.from_ms), Untrusted::new(film.sentence()).line())?;
+    }
     for event in recording.events.iter().filter(|event| is_shown(event.at_ms)) {
         writeln!(out, "{:>8} {}", tick_of(event.at_ms), words::line(event))?;
     }

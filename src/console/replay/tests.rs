@@ -101,7 +101,8 @@ fn recording() -> Recording {
         pictures: pictures(),
         events: (1..).zip(kinds).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),
         series: Vec::new(),
-        dropped: (0, 0),
+        films: Vec::new(),
+            dropped: (0, 0),
     }
 }
 

@@ -59,7 +59,10 @@ pub(super) fn on_version(model: &mut Model, action: Action) -> Vec<Effect> {
 pub(super) fn go(model: &mut Model) -> Vec<Effect> {
     let stopped = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.clone());
     match stopped {
-        Some(stopped) => open(model, Intent::Go(stopped.last_ms()), stop_lines(&stopped)),
+        Some(stopped) => {
+            let intent = Intent::Go { stops: stopped.stops, last_ms: stopped.last_ms() };
+            open(model, intent, stop_lines(&stopped))
+        },
         None => refuse(model, "the cell is not stopped"),
     }
 }
@@ -123,8 +126,9 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
         Intent::Continue(id) => (Action::Continue, id),
         Intent::Rearm(id) => (Action::Rearm, id),
         Intent::Abort(what) => return abort_lines(model, what),
-        Intent::Go(since_ms) => return still_stopped(model, *since_ms),
+        Intent::Go { stops, .. } => return still_stopped(model, *stops),
         Intent::Goal(_) => return Ok(goal_lines(model)),
+        Intent::Note => return Ok(note_lines()),
         Intent::Profile(id, profile, close) => return Ok(profile_lines(model, id, *profile, *close)),
         Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
         Intent::ResetAlarm(name) => return alarm_lines(alarm_now(model, name)?, Action::ResetAlarm),
@@ -149,10 +153,10 @@ fn register_lines() -> Vec<String> {
     vec!["It is taken in and evaluated beside what is active; nothing of it acts before its gate".to_owned()]
 }
 
-fn still_stopped(model: &Model, last_ms: u64) -> Result<Vec<String>, String> {
+fn still_stopped(model: &Model, stops: u64) -> Result<Vec<String>, String> {
     match model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
         None => Err("somebody has let it work already".to_owned()),
-        Some(stopped) if stopped.last_ms() != last_ms => {
+        Some(stopped) if stopped.stops != stops => {
             let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
             Err(stopped_anew(by, stopped.last_ms()))
         }
@@ -164,12 +168,12 @@ fn still_stopped(model: &Model, last_ms: u64) -> Result<Vec<String>, String> {
 pub(super) fn stopped_again(model: &mut Model, by: &str, at_ms: u64) {
     let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
     // One from before the last that was read is told late.
-    if !matches!(form.intent, Intent::Go(last_ms) if at_ms > last_ms) {
+    if !matches!(form.intent, Intent::Go { last_ms, .. } if at_ms > last_ms) {
         return;
     }
     let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
     if is_asked {
-        tell(model, format!("{}; what you asked is on its way already", stopped_anew(by, at_ms)), true);
+        tell(model, format!("{}; what you asked knows nothing of it and will be refused if it comes later", stopped_anew(by, at_ms)), true);
     } else if form.void.is_none() {
         make_void(model, stopped_anew(by, at_ms));
     }
@@ -295,6 +299,15 @@ pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
 pub(super) fn goal(model: &mut Model, goal: String) -> Vec<Effect> {
     let lines = goal_lines(model);
     open(model, Intent::Goal(goal), lines)
+}
+
+/// Opens the form that takes a note.
+pub(super) fn note(model: &mut Model) -> Vec<Effect> {
+    open(model, Intent::Note, note_lines())
+}
+
+fn note_lines() -> Vec<String> {
+    vec!["It stays on record, stands in the log and is a mark in Health; it changes nothing else".to_owned()]
 }
 
 fn goal_lines(model: &Model) -> Vec<String> {

@@ -16,7 +16,7 @@ use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{Model, View};
 use crate::rows::CandidateItem;
 use crate::widgets::list::place;
-use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
 use holdpoint_governance::lifecycle::State;
@@ -181,6 +181,8 @@ fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &str, pen: &mut Pen
             break;
         }
         let taken = pen.rows(inner, at, &item(row, look, width));
+        let place = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
+        pen.hit(place, Hit::Row { pane: None, row: index });
         if index == cursor {
             pen.row(marks, at, &Row::of(ThemeRole::Text, look.glyph(Glyph::Here)));
             pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);

@@ -300,6 +300,7 @@ const fn role(kind: MarkKind) -> ThemeRole {
         | MarkKind::LiveFault
         | MarkKind::Released
         | MarkKind::Goal
+        | MarkKind::Note
         | MarkKind::Context
         | MarkKind::Commissioned
         | MarkKind::EngineOff => ThemeRole::Text,

@@ -14,6 +14,7 @@ use holdpoint_registry::{AuditFilter, StoreError, Views};
 
 use super::clock::{Span, gaps, on_clock};
 use crate::observed::bodies::{ActiveSet, change};
+use crate::shift_note::NoteOnRecord;
 
 /// The most marks of one answer.
 const MARKS_MAX: usize = 400;
@@ -22,7 +23,7 @@ const MARKS_MAX: usize = 400;
 const RECORDS_MAX: usize = 2_000;
 
 /// Kinds of records that may be a mark.
-const KINDS: [RecordKind; 12] = [
+const KINDS: [RecordKind; 13] = [
     RecordKind::ActiveSet,
     RecordKind::StateSet,
     RecordKind::AuditClosed,
@@ -33,6 +34,7 @@ const KINDS: [RecordKind; 12] = [
     RecordKind::CellStopped,
     RecordKind::CellReleased,
     RecordKind::GoalSet,
+    RecordKind::ShiftNote,
     RecordKind::ContextSet,
     RecordKind::Commissioned,
 ];
@@ -289,6 +291,10 @@ fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Fami
         }
         RecordKind::CellStopped => (MarkKind::Stopped, None, by_whom("stopped the cell", &person())),
         RecordKind::CellReleased => (MarkKind::Released, None, by_whom("let the cell work", &person())),
+        RecordKind::ShiftNote => {
+            let NoteOnRecord { by, text } = serde_json::from_str(&record.body).ok()?;
+            (MarkKind::Note, None, format!("{by} notes: {text}"))
+        }
         RecordKind::GoalSet => {
             let said = person();
             (MarkKind::Goal, None, by_whom(&format!("set the goal {}", said.goal), &said))

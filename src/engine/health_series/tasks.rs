@@ -11,7 +11,7 @@ use holdpoint_protocol::health::{HealthCoverage, HealthPoint, HealthSeries, LEVE
 use holdpoint_registry::{AuditFilter, LyingBatch, StoreError, TelemetryViews, Views};
 
 use super::clock::{Span, on_clock};
-use crate::kept_task::LIVE;
+use crate::kept_task::{LIVE, UNWATCHED};
 use crate::observed::bodies::{Sealed, SealedBlock, change};
 
 /// Batches that one question reads at most, but for the pass over the span that is begun then.
@@ -147,7 +147,7 @@ fn take_in(
     let digests: BTreeMap<u64, Digest> = batches.iter().map(|one| (one.batch, one.digest)).collect();
     let wall_ms = (record.wall_ms > 0).then_some(record.wall_ms);
     let mut there = 0;
-    telemetry.each_of_stream(LIVE, (first.batch, last.batch), |LyingBatch { number, digest, batch }| {
+    telemetry.each_of_streams([LIVE, UNWATCHED], (first.batch, last.batch), |LyingBatch { number, digest, batch }| {
         let Some(expected) = digests.get(&number) else { return };
         there += 1;
         let task = batch.filter(|_| digest == *expected).and_then(|batch| {

@@ -42,6 +42,7 @@ use crate::dossier::Dossier;
 use crate::doubt::Confirmation;
 use crate::ledger;
 use crate::stages::sandbox::MODE_EPISODES;
+use crate::stated;
 
 /// A profile with its compiled policies, and the digests by which decisions name them.
 pub(super) struct RulesInForce {
@@ -344,7 +345,7 @@ impl<'a> Replayer<'a> {
 
 /// What a stage's decision was made under; nothing of another record.
 fn made_under(record: &AuditRecord) -> Option<MadeUnder> {
-    let decision = serde_json::from_str::<Decision<Value>>(&record.body).ok()?;
+    let decision: Decision<Value> = serde_json::from_value(stated::rule_part(&record.body)?).ok()?;
     Some(*decision.made_under())
 }
 
@@ -460,7 +461,7 @@ fn same_evidence(under: &MadeUnder, entry: &EvidenceEntry, dossier: &Dossier) ->
 
 /// Whether a decision made again is, in the form of records, the recorded one.
 fn as_recorded<O: Serialize>(record: &AuditRecord, again: &Decision<O>) -> Result<(), Failed> {
-    let recorded: Value = serde_json::from_str(&record.body).map_err(|_| NotReplayable::Unreadable)?;
+    let recorded = stated::rule_part(&record.body).ok_or(NotReplayable::Unreadable)?;
     let again = serde_json::to_value(again).map_err(|_| NotReplayable::Unreadable)?;
     match differing("decision", &recorded, &again) {
         Some(what) => Err(Failed::Differs(what)),

@@ -10,6 +10,7 @@ use crate::people::approvals::PendingQuestion;
 use crate::people::signed_calls::{self, Signer};
 use crate::people::{persons, questions};
 use crate::retake;
+use crate::shift_note;
 use crate::stages::closing::rejected;
 use crate::stages::{emergency, monitoring, release};
 use crate::view::lookup;
@@ -182,7 +183,10 @@ impl Pipeline {
                 Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
             }
             Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
-            Command::Go { by, reason } => Ok(halt::go(record, world, by, reason, caller.clone())?),
+            Command::Go { by, reason, stops } => {
+                Ok(halt::go(record, world, by, reason, stops, caller.clone())?)
+            }
+            Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => Ok(operations::set_pace(record, world, times)),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),

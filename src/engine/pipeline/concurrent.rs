@@ -80,6 +80,7 @@ impl Pipeline {
             | Command::ShelveAlarm { .. }
             | Command::UnshelveAlarm { .. }
             | Command::Stop { .. }
+            | Command::Note { .. }
             | Command::Pace { .. }
             | Command::Detail { .. }
             | Command::Film { .. }

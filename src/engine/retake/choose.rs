@@ -39,6 +39,21 @@ pub(crate) fn choose(dossier: &Dossier, asked: FilmAsked) -> Result<Chosen, Stri
     }
 }
 
+/// What there is of an evaluation in the sandbox, the worst of each kind of work and of each kind of drill.
+pub(crate) fn worst_of_each(dossier: &Dossier) -> Vec<FilmAsked> {
+    let worst = |of: FilmOf| FilmAsked { of, number: None };
+    let mut asked = Vec::new();
+    asked.extend((!dossier.pairs.is_empty()).then(|| worst(FilmOf::Episode)));
+    asked.extend((!dossier.alone.is_empty()).then(|| worst(FilmOf::Alone)));
+    asked.extend(DrillKind::ALL.into_iter().filter_map(|kind| {
+        let of_kind = || dossier.failed_drills.iter().enumerate().filter(|(_, drill)| drill.kind == kind);
+        let against = of_kind().find(|(_, drill)| drill.active == Some(true));
+        let (index, _) = against.or_else(|| of_kind().next())?;
+        Some(FilmAsked { of: FilmOf::Drill, number: Some(count(index + 1)) })
+    }));
+    asked
+}
+
 /// The component of behaviour that the rules found against the version first.
 pub(crate) fn decisive(dossier: &Dossier) -> Option<ComponentName> {
     let assessment = &dossier.behavior.as_ref()?.assessment;

@@ -17,6 +17,7 @@ use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::record::Record;
+use crate::stated;
 
 /// Keeps and tells how far a stage is.
 pub(crate) fn progress(
@@ -80,7 +81,7 @@ pub(crate) fn stage_note<O: serde::Serialize>(
     let json = serde_json::to_string(dossier)?;
     let digest = dossier.digest()?;
     let evidence = Change::PutEvidence { version: id.clone(), kind, json, digest };
-    let body = serde_json::to_string(decision)?;
+    let body = stated::body(decision, dossier)?;
     let record = AuditBody { kind: RecordKind::Decision, subject: id.to_string(), body };
     Ok(Note {
         reason,

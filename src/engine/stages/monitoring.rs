@@ -21,7 +21,7 @@ use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::health::CellHealth;
-use crate::kept_task::{KeptMarks, KeptTask, LIVE};
+use crate::kept_task::{KeptMarks, KeptTask, LIVE, UNWATCHED};
 use crate::ledger::Note;
 use crate::monitors::Monitors;
 use crate::record::Record;
@@ -310,8 +310,8 @@ impl Live<'_> {
     }
 }
 
-/// Keeps what a watched version did, record and path, in the telemetry file; its digest enters the chain with the next
-/// record, or with those of others.
+/// Keeps what a version did in the telemetry file, of a watched one with its path; its digest enters the chain with the
+/// next record, or with those of others.
 fn keep_telemetry(
     record: &mut Record,
     monitors: &Monitors,
@@ -319,17 +319,20 @@ fn keep_telemetry(
     kept: &KeptTask<'_>,
     duration_ms: u64,
 ) -> Result<(), Fault> {
-    if monitors.of(id).is_none() {
-        return Ok(());
-    }
+    let (stream, body) = if monitors.of(id).is_some() {
+        (LIVE, serde_json::to_vec(kept)?)
+    } else {
+        let record = TaskRecord { path: Vec::new(), ..kept.record.clone() };
+        (UNWATCHED, serde_json::to_vec(&KeptTask { record: &record, marks: kept.marks })?)
+    };
     let to_ms = record.now_ms();
     let batch = Batch {
         version: id.clone(),
-        stream: LIVE.to_owned(),
+        stream: stream.to_owned(),
         from_ms: to_ms.saturating_sub(duration_ms),
         to_ms,
         rows: kept.record.path.len().max(1) as u64,
-        body: serde_json::to_vec(kept)?,
+        body,
     };
     let store = record.ledger().store();
     store.append_telemetry(&batch)?;

@@ -77,14 +77,37 @@ pub(crate) fn in_short(dossier: &Dossier) -> Vec<String> {
     let reasons = [&kappas.behavior.reasons[..], &kappas.recovery.reasons[..]].concat();
     let mut said = Vec::new();
     for about in [Dimension::Behavior, Dimension::Recovery] {
-        let WhyView { decisive, film, .. } = measured(dossier, &reasons, about);
-        said.push(format!("{}: {decisive}", about.words()));
-        let chosen = film.and_then(|asked| choose(dossier, asked).ok().map(|chosen| (asked.of, chosen)));
-        if let Some((of, Chosen { number, count, why, .. })) = chosen {
-            said.push(format!("the worst {of} is number {number} of {count}: {why}"));
-        }
+        say(dossier, &reasons, about, &mut said);
     }
     said
+}
+
+/// What decided against a version, one sentence for each part of the rules that did, and which work shows it; of a decision
+/// in its favour what is said to whoever has to decide next.
+pub(crate) fn of_decision(dossier: &Dossier, reasons: &[Reason]) -> Vec<String> {
+    let mut against: Vec<Dimension> = Vec::new();
+    for reason in reasons.iter().filter(|reason| !is_in_favour(reason.code)) {
+        if !against.contains(&reason.dimension) {
+            against.push(reason.dimension);
+        }
+    }
+    if against.is_empty() || dossier.kappas.is_none() {
+        return in_short(dossier);
+    }
+    let mut said = Vec::new();
+    for about in against {
+        say(dossier, reasons, about, &mut said);
+    }
+    said
+}
+
+fn say(dossier: &Dossier, reasons: &[Reason], about: Dimension, said: &mut Vec<String>) {
+    let WhyView { decisive, film, .. } = measured(dossier, reasons, about);
+    said.push(format!("{}: {decisive}", about.words()));
+    let chosen = film.and_then(|asked| choose(dossier, asked).ok().map(|chosen| (asked.of, chosen)));
+    if let Some((of, Chosen { number, count, why, .. })) = chosen {
+        said.push(format!("the worst {of} is number {number} of {count}: {why}"));
+    }
 }
 
 /// Whether the sentence of the measured component says what the first reason says.

@@ -11,7 +11,7 @@ use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::words::Word;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::picture::{Block, EnvelopePicture, Picture, Scenery};
-use holdpoint_recordings::recording::About;
+use holdpoint_recordings::recording::{About, FilmSpan};
 
 /// Where it is kept.
 pub mod paths {
@@ -23,6 +23,8 @@ pub mod paths {
     pub const FRAME: &str = "record/frame";
     /// A text for each event.
     pub const EVENT: &str = "record/event";
+    /// A text for each piece of an evaluation that was worked again: a [`FilmSpan`](super::FilmSpan).
+    pub const FILM: &str = "record/film";
 }
 
 /// What is known when a recording begins.
@@ -99,6 +101,12 @@ fn always<T: Serialize>(rows: &mut Rows, path: &str, value: &T) {
 pub(super) fn event(rows: &mut Rows, event: &Event, moment: &Moment) {
     if let Ok(text) = serde_json::to_string(event) {
         rows.at(paths::EVENT, moment, &TextLog::new(text));
+    }
+}
+
+pub(super) fn film(rows: &mut Rows, seen: &FilmSpan, moment: &Moment) {
+    if let Ok(text) = serde_json::to_string(seen) {
+        rows.at(paths::FILM, moment, &TextLog::new(text));
     }
 }
 

@@ -10,7 +10,7 @@ use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::film::FilmMark;
 use holdpoint_protocol::words::sentence;
-use holdpoint_recordings::recording::About;
+use holdpoint_recordings::recording::{About, FilmSpan};
 use holdpoint_text::Untrusted;
 
 /// What is known of the upgrade.
@@ -66,6 +66,11 @@ impl Drawing {
     }
 
     /// Something that happened to one version in a piece of an evaluation.
+    pub(super) fn tell_film(&mut self, seen: &FilmSpan, moment: &Moment) {
+        let text = Untrusted::new(seen.sentence()).display(TEXT_WIDTH_MAX).into_string();
+        self.rows.at("log/film", moment, &TextLog::new(text).with_level(TextLogLevel::INFO));
+    }
+
     pub(super) fn tell_mark(&mut self, who: &str, mark: &FilmMark, moment: &Moment) {
         let level = if mark.bad { TextLogLevel::WARN } else { TextLogLevel::INFO };
         let text = Untrusted::new(format!("{who}: {}", mark.text)).display(TEXT_WIDTH_MAX).into_string();

@@ -49,6 +49,11 @@ pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 /// What must be known about the picture before it is looked at.
 fn doubts(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
     let mut said = Vec::new();
+    let films = &model.timeline.recording().films;
+    let at_ms = model.cursor.at_ms;
+    if let Some(film) = films.iter().find(|film| (film.from_ms..=film.until_ms).contains(&at_ms)) {
+        said.push((ThemeRole::Unknown, film.sentence()));
+    }
     if let Some((from_ms, to_ms)) = model.timeline.gap_ms(model.cursor) {
         let stretch = format!("from {} to {}", secs(from_ms), secs(to_ms));
         said.push((

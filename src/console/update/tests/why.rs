@@ -108,6 +108,21 @@ fn enter_on_a_check_says_why_in_numbers_first() {
     assert_eq!(console.model.entry.overlay, None);
 }
 
+/// A check of a candidate is pointed at, and pointed at again it opens, as Enter does.
+#[test]
+fn a_click_on_a_check_selects_it_and_then_opens_it() {
+    let mut console = at_checks();
+    console.model.size = (120, 36);
+    console.model.settings.mouse = true;
+    let rows: Vec<String> = console.shown(120, 36).lines().map(str::to_owned).collect();
+    let at = rows.iter().rposition(|row| row.contains("ehavio")).unwrap();
+    console.tell(MsgKind::Click(6, u16::try_from(at).unwrap()));
+    assert_eq!((console.model.row(), &console.model.entry.overlay), (1, &None), "{}", rows.join("\n"));
+    console.now_ms += 1_000;
+    console.tell(MsgKind::Click(6, u16::try_from(at).unwrap()));
+    assert!(matches!(console.model.entry.overlay, Some(Overlay::Why(_))), "{:?}", console.model.entry.overlay);
+}
+
 #[test]
 fn one_key_asks_for_the_worst_episode_and_it_is_played() {
     let mut console = at_checks();
