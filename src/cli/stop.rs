@@ -97,16 +97,16 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> R
     let reason = signature.reason.raw().to_owned();
     let mut side = Side::open(context)?;
     // What comes between this look and the command is not known, and the engine refuses.
-    let stops = match side.snapshot()?.stopped {
+    let (since_ms, stops) = match side.snapshot()?.stopped {
         Some(stopped) => {
             if !out.is_json() {
                 out.line(&stopped_line(&stopped))?;
             }
-            stopped.stops
+            (stopped.since_ms, stopped.stops)
         }
-        None => 0,
+        None => (0, 0),
     };
-    side.carry_out_as(context, &who, Command::Go { by, reason, stops }, out)
+    side.carry_out_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)
 }
 
 /// Leaves a note for those who come after.

@@ -44,8 +44,12 @@ pub enum Intent {
     Continue(CapabilityId),
     /// Make a superseded version of a stopped family active again.
     Rearm(CapabilityId),
-    /// Let the cell work again that was stopped so many times, the last one at a virtual time.
-    Go { stops: u64, last_ms: u64 },
+    /// Let the cell work again that was stopped since then, so many times, the last one at this virtual time, ms.
+    Go {
+        since_ms: u64,
+        stops: u64,
+        last_ms: u64,
+    },
     /// Give the agent of the live cell a goal.
     Goal(String),
     /// Leave a note for those who come after.
@@ -405,7 +409,9 @@ impl Form {
             Intent::Restrict(id) => Command::Restrict(operation(id, &reason)),
             Intent::Continue(id) => Command::Continue(operation(id, &reason)),
             Intent::Rearm(id) => Command::Rearm(operation(id, &reason)),
-            Intent::Go { stops, .. } => Command::Go { by, reason, stops: *stops },
+            Intent::Go { since_ms, stops, .. } => {
+                Command::Go { by, reason, since_ms: *since_ms, stops: *stops }
+            }
             Intent::Note => Command::Note { by, text: reason },
             Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason },
             Intent::Shelve(alarm) => {

@@ -388,5 +388,16 @@ fn climbed(record: &AuditRecord, told: &RollbackRecord, then: Vec<String>) -> Ex
         .collect();
     let ruling = Ruling::Rollback(told.post_status.into());
     let (record, at_ms, rule) = (record.seq, record.at_ms, ruling.rule());
-    Explained { record, at_ms, rule, ruling, said: Vec::new(), reasons, change, permissions: None, kept: None, then }
+    Explained {
+        record,
+        at_ms,
+        rule,
+        ruling,
+        said: Vec::new(),
+        reasons,
+        change,
+        permissions: None,
+        kept: None,
+        then,
+    }
 }

@@ -154,17 +154,23 @@ pub(crate) fn go(
     world: &mut LiveWorld,
     by: String,
     reason: String,
-    known: u64,
+    (since_ms, known): (u64, u64),
     caller: Caller,
 ) -> Result<Reply, StoreError> {
     let refuse = |code, text: &str| Ok(Reply::Refused { code, text: text.to_owned(), hint: None });
     let Some(halted) = &world.halted else {
         return refuse(Refusal::NotNow, "the cell is not stopped");
     };
+    if halted.since_ms != since_ms {
+        let text = "it has worked since, and was stopped anew: read who did and why";
+        return refuse(Refusal::NotNow, text);
+    }
     if halted.stops != known {
         let text = match halted.stops {
             1 => format!("it was stopped once, and {known} stops are said to be known: read who stopped it"),
-            stops => format!("it was stopped {stops} times, and {known} of them are known: read who did and why"),
+            stops => {
+                format!("it was stopped {stops} times, and {known} of them are known: read who did and why")
+            }
         };
         return refuse(Refusal::NotNow, &text);
     }

@@ -6,8 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::{Closed, MakeSink, Pictures, Report, Serve, Setup, Sink};
 use holdpoint_recordings::record::{KIND, Recorded};
@@ -72,10 +71,15 @@ impl Listeners {
             rest = after;
             match engine.pipeline.films_of_refusal(version) {
                 Ok(films) => {
-                    self.sinks.iter_mut().for_each(|sink| films.iter().for_each(|film| sink.film(version, film)));
+                    self.sinks
+                        .iter_mut()
+                        .for_each(|sink| films.iter().for_each(|film| sink.film(version, film)));
                 }
                 Err(fault) => {
-                    let text = format!("{version}: what it was refused for is not in its recording: {}", fault.sentence());
+                    let text = format!(
+                        "{version}: what it was refused for is not in its recording: {}",
+                        fault.sentence()
+                    );
                     engine.pipeline.tell_scene(text, true);
                 }
             }
@@ -105,10 +109,10 @@ impl Listeners {
     }
 }
 
-/// Where a version was refused for what it did in the sandbox.
+/// Where a version was refused that had come no further than the sandbox.
 const fn refused_in_sandbox((at, event): (usize, &Event)) -> Option<(usize, &CapabilityId)> {
     match &event.kind {
-        EventKind::Decided { version, stage: Stage::Sandbox, outcome: StageOutcome::Reject, .. } => {
+        EventKind::StateChanged { version, from: State::Validated, to: State::Rejected, .. } => {
             Some((at, version))
         }
         _ => None,

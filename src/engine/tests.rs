@@ -546,8 +546,10 @@ fn an_id_stands_for_one_command_and_a_stop_for_itself() {
     let mut engine = engine(folder.path(), "arm7").unwrap();
     let mut ask = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
     let stop = || Command::Stop { by: "ann".to_owned(), reason: "a test".to_owned() };
-    let go = || Command::Go { by: "ann".to_owned(), reason: "looked at".to_owned(), stops: 2 };
     accepted(&ask(stop()));
+    let since_ms = engine.snapshot().stopped.unwrap().since_ms;
+    let go = || Command::Go { by: "ann".to_owned(), reason: "looked at".to_owned(), since_ms, stops: 2 };
+    let mut ask = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
     let other = ask(go());
     assert!(matches!(&other, Reply::Refused { code: Refusal::BadInput, .. }), "{other:?}");
     accepted(&ask(stop()));

@@ -102,8 +102,9 @@ impl<'a> Driver<'a> {
             self.accept(Command::Stop { by: who.clone(), reason: reason.clone() })
         } else if let Some(Say { who, reason }) = &step.go {
             // A script knows what it did.
-            let stops = self.pump.engine().snapshot().stopped.map_or(0, |stopped| stopped.stops);
-            self.accept(Command::Go { by: who.clone(), reason: reason.clone(), stops })
+            let stopped = self.pump.engine().snapshot().stopped;
+            let (since_ms, stops) = stopped.map_or((0, 0), |stopped| (stopped.since_ms, stopped.stops));
+            self.accept(Command::Go { by: who.clone(), reason: reason.clone(), since_ms, stops })
         } else if let Some(work) = &step.work {
             self.work(work, index)
         } else if let Some(pass) = step.pass {

@@ -147,8 +147,11 @@ pub enum Command {
         by: String,
         /// Why it is safe, in the person's own words; a blank reason is refused.
         reason: String,
-        /// How many stops of this standstill the person knows of
-        /// ([`StoppedView::stops`](crate::snapshot::StoppedView::stops)); refused where there are more.
+        /// Which standstill is meant: virtual time since when it is stopped, ms
+        /// ([`StoppedView::since_ms`](crate::snapshot::StoppedView::since_ms)); refused for another one.
+        since_ms: u64,
+        /// How many stops of it the person knows of ([`StoppedView::stops`](crate::snapshot::StoppedView::stops));
+        /// refused where there are more.
         stops: u64,
     },
     /// Leave a note for those who come after: on record, and a mark over the charts of health. It changes nothing else.
@@ -469,134 +472,4 @@ impl Command {
 }
 
 #[cfg(test)]
-mod tests {
-    use serde_json::{Value, json};
-
-    use crate::wire::Call;
-
-    fn call(command: &Value) -> Value {
-        json!({ "call": "ask", "request": { "id": "r1", "command": command } })
-    }
-
-    fn read(call: &Value) -> Result<Call, serde_json::Error> {
-        serde_json::from_str(&call.to_string())
-    }
-
-    /// A command of each kind, as a client writes it.
-    fn commands() -> Vec<Value> {
-        let operation = |name: &str| json!({ "command": name, "version": "grasp@1.0.0", "by": "ana", "reason": "a test" });
-        let mut all: Vec<Value> =
-            ["reject", "rollback", "vacate", "pause", "resume", "restrict", "rearm", "continue"]
-                .map(operation)
-                .into();
-        let about = json!({ "version": "grasp@1.0.0", "by": "ana", "reason": "a test" });
-        all.extend([
-            json!({ "command": "register", "name": "x",
-                "package": { "manifest": "", "submission": "", "params": "" } }),
-            json!({ "command": "demote", "operation": about, "profiles": [] }),
-            json!({ "command": "release", "operation": about, "profiles": [] }),
-            json!({ "command": "repeat", "operation": about, "stage": "sandbox" }),
-            json!({ "command": "drift", "kind": null, "magnitude": "" }),
-            json!({ "command": "live-fault", "fault": null }),
-            json!({ "command": "acknowledge-alarm", "alarm": "x", "by": "ana" }),
-            json!({ "command": "reset-alarm", "alarm": "x", "by": "ana", "reason": "r" }),
-            json!({ "command": "shelve-alarm", "alarm": "x", "by": "ana", "for_ms": 1, "reason": "r" }),
-            json!({ "command": "unshelve-alarm", "alarm": "x", "by": "ana" }),
-            json!({ "command": "stop", "by": "", "reason": "" }),
-            json!({ "command": "go", "by": "ana", "reason": "r" }),
-            json!({ "command": "goal", "goal": "grasp", "by": "ana", "reason": "r" }),
-            json!({ "command": "pace", "times": null }),
-            json!({ "command": "detail", "version": "grasp@1.0.0" }),
-            json!({ "command": "film", "version": "grasp@1.0.0", "asked": { "of": "drill", "number": 3 } }),
-            json!({ "command": "registry", "group": "all", "text": "", "offset": 0, "limit": 1 }),
-            json!({ "command": "audit", "before": null, "subject": "", "limit": 1 }),
-            json!({ "command": "health", "asked": { "bucket_ms": 60000, "buckets": 1 } }),
-            json!({ "command": "verify-audit" }),
-            json!({ "command": "snapshot" }),
-            json!({ "command": "shutdown" }),
-            decision(),
-            person(),
-        ]);
-        all
-    }
-
-    fn person() -> Value {
-        let act = json!({ "act": "enrol", "name": "ben", "role": "engineer", "key": "", "unprotected": false,
-            "by": "ana", "reason": "r", "store_id": "s", "follows": "a".repeat(64), "nonce": "b".repeat(32) });
-        json!({ "command": "person", "signed": { "act": act, "public_key": "", "signature": "" } })
-    }
-
-    fn decision() -> Value {
-        let digest = "a".repeat(64);
-        let approval = json!({ "who": "ana", "role": "engineer", "decision": "approve", "reason": "r",
-            "version": "grasp@1.0.0", "candidate_digest": digest, "row_version": 1, "evidence_digest": digest,
-            "policy_digest": digest, "profile": "human", "store_id": "s", "nonce": "b".repeat(32),
-            "not_after_ms": 1, "break_glass": false });
-        let signed = json!({ "approval": approval, "public_key": "", "signature": "" });
-        json!({ "command": "decide", "signed": signed, "shown": null })
-    }
-
-    /// Every command there is, and what it does to authority.
-    #[test]
-    fn every_command_reads_gives_takes_or_does_neither() {
-        use super::{Authority, Command};
-        let classes = [
-            (Authority::Reads, "audit detail film health registry snapshot verify-audit"),
-            (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
-            (
-                Authority::Gives,
-                "continue go goal rearm register release repeat reset-alarm resume shelve-alarm",
-            ),
-            (Authority::SignedItself, "decide person"),
-            (Authority::Neither, "acknowledge-alarm drift live-fault pace unshelve-alarm"),
-        ];
-        let mut count = 0;
-        for (class, names) in classes {
-            for name in names.split(' ') {
-                count += 1;
-                let written = commands().into_iter().find(|command| command["command"] == name).unwrap();
-                let command: Command = serde_json::from_value(written).unwrap();
-                assert_eq!(command.authority(), class, "{name}");
-                assert_eq!(command.takes_authority_away(), class == Authority::TakesAway, "{name}");
-                assert_eq!(command.only_reads(), class == Authority::Reads, "{name}");
-                // What stops is done before anybody is looked up; what lets go on names who answers for it.
-                let names_somebody = command.by().is_some() || name == "register";
-                assert!(class != Authority::Gives || names_somebody, "{name}");
-            }
-        }
-        assert_eq!(count, commands().len(), "one class for each");
-    }
-
-    /// Adds a field that nobody knows to every object within, one at a time.
-    fn spoilt(value: &Value) -> Vec<Value> {
-        let Value::Object(fields) = value else { return Vec::new() };
-        let mut all = Vec::new();
-        let mut more = fields.clone();
-        more.insert("unknown".to_owned(), json!(1));
-        all.push(Value::Object(more));
-        for (name, inner) in fields {
-            all.extend(spoilt(inner).into_iter().map(|inner| {
-                let mut other = fields.clone();
-                other.insert(name.clone(), inner);
-                Value::Object(other)
-            }));
-        }
-        all
-    }
-
-    #[test]
-    fn every_request_refuses_fields_that_it_does_not_know() {
-        let kinds: std::collections::BTreeSet<String> =
-            commands().iter().map(|command| command["command"].to_string()).collect();
-        let schema = serde_json::to_value(schemars::schema_for!(super::Command)).unwrap();
-        assert_eq!(kinds.len(), schema["oneOf"].as_array().unwrap().len(), "one of each kind: {kinds:?}");
-        let mut calls: Vec<Value> = commands().iter().map(call).collect();
-        calls.push(json!({ "call": "subscribe" }));
-        for call in calls {
-            assert!(read(&call).is_ok(), "{call}: {:?}", read(&call));
-            for wrong in spoilt(&call) {
-                assert!(read(&wrong).is_err(), "{wrong}");
-            }
-        }
-    }
-}
+mod tests;

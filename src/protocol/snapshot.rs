@@ -166,7 +166,16 @@ impl StoppedView {
     /// A stop that nobody has added to yet; the arm may still move.
     #[must_use]
     pub const fn first(by: String, caller: Caller, reason: String, since_ms: u64) -> Self {
-        Self { by, caller, reason, since_ms, stood_after_ticks: None, again: Vec::new(), unnamed: 0, stops: 1 }
+        Self {
+            by,
+            caller,
+            reason,
+            since_ms,
+            stood_after_ticks: None,
+            again: Vec::new(),
+            unnamed: 0,
+            stops: 1,
+        }
     }
 
     /// Somebody stops the stopped cell. The same one with the same reason is named once, at the last time.

@@ -83,6 +83,7 @@ mod tests {
         {
             assert_eq!(rows(column), frames, "{column}");
         }
-        assert_eq!(rows("/log/film"), 2);
+        // What is seen, and what happened to each.
+        assert_eq!(rows("/log/film"), 3);
     }
 }

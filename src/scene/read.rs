@@ -95,7 +95,10 @@ fn values(path: &Path) -> Result<Recording, ReadError> {
         pictures: pictures(&chunks),
         events,
         series: series(&chunks),
-        films: texts(&chunks, paths::FILM).iter().filter_map(|text| serde_json::from_str(text).ok()).collect(),
+        films: texts(&chunks, paths::FILM)
+            .iter()
+            .filter_map(|text| serde_json::from_str(text).ok())
+            .collect(),
         dropped: tail.as_ref().map_or((0, 0), |tail| tail.dropped),
         outcome: tail.and_then(|tail| tail.outcome),
     })

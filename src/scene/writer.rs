@@ -21,8 +21,8 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::film::Film;
 use holdpoint_protocol::picture::Picture;
 use holdpoint_protocol::sink::Closed;
-use holdpoint_recordings::recording::FilmSpan;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_recordings::recording::FilmSpan;
 use holdpoint_text::Untrusted;
 
 /// How a file is made; tests make some that cannot be written.
@@ -138,7 +138,8 @@ impl Writer {
         let from_ms = self.filmed_ms;
         let at_ms = |tick: u64| from_ms.saturating_add(holdpoint_recordings::film::at_ms(tick));
         self.films += 1;
-        let seen = FilmSpan { from_ms, until_ms: at_ms(film.end()), title: film.title(), why: film.why.clone() };
+        let seen =
+            FilmSpan { from_ms, until_ms: at_ms(film.end()), title: film.title(), why: film.why.clone() };
         self.drawing.film(&seen, self.films);
         for mut picture in holdpoint_recordings::film::pictures(film) {
             picture.at_ms = from_ms.saturating_add(picture.at_ms);

@@ -278,7 +278,8 @@ fn what_happened_before_is_told_at_once_and_nothing_twice() {
         events.iter().any(|event| matches!(&event.kind, EventKind::CellStopped { by, .. } if by == "bert"))
     );
     let last = events.last().unwrap().seq;
-    let go = Command::Go { by: "bert".to_owned(), reason: "it is empty".to_owned(), stops: 1 };
+    let since_ms = front.snapshot().stopped.unwrap().since_ms;
+    let go = Command::Go { by: "bert".to_owned(), reason: "it is empty".to_owned(), since_ms, stops: 1 };
     assert!(matches!(front.carry_out(go), Reply::Accepted { .. }));
     loop {
         if let Some(Shown::Event(event)) = ana.next(PATIENCE).unwrap() {

@@ -146,8 +146,10 @@ fn a_refusal_in_the_sandbox_shows_what_it_was_for() {
         let (first_ms, _) = recording.span_ms().unwrap();
         assert_eq!(recording.films[0].from_ms, first_ms, "{name}: {:?}", recording.films);
         assert_eq!(recording.pictures[0].at_ms, first_ms, "{name}");
-        let one_after_the_other =
-            recording.films.windows(2).all(|pair| pair[0].until_ms < pair[1].from_ms && !pair[1].title.is_empty());
+        let one_after_the_other = recording
+            .films
+            .windows(2)
+            .all(|pair| pair[0].until_ms < pair[1].from_ms && !pair[1].title.is_empty());
         assert!(one_after_the_other, "{name}: {:?}", recording.films);
         for film in &recording.films {
             let within = |at_ms: u64| (film.from_ms..=film.until_ms).contains(&at_ms);

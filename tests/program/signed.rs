@@ -139,6 +139,8 @@ impl Asking {
 
     fn stop(&mut self) {
         self.accepts(&Command::Stop { by: "nobody-at-all".to_owned(), reason: String::new() });
+        let stopped = self.snapshot().stopped.unwrap();
+        STOPPED.set((stopped.since_ms, stopped.stops));
     }
 
     fn end(mut self, engine: JoinHandle<()>) {
@@ -155,8 +157,18 @@ fn refused(reply: &Reply, expected: Refusal, part: &str) {
     assert!(said.contains(part), "{part:?} is not in {said}");
 }
 
+thread_local! {
+    /// The last standstill that this test asked for: since when, virtual ms, and its stops.
+    static STOPPED: std::cell::Cell<(u64, u64)> = const { std::cell::Cell::new((0, 0)) };
+}
+
 fn go(by: &str) -> Command {
-    Command::Go { by: by.to_owned(), reason: "the cell is empty".to_owned(), stops: 1 }
+    go_because(by, "the cell is empty")
+}
+
+fn go_because(by: &str, reason: &str) -> Command {
+    let (since_ms, stops) = STOPPED.get();
+    Command::Go { by: by.to_owned(), reason: reason.to_owned(), since_ms, stops }
 }
 
 fn of(version: &str, by: &str) -> Operation {
@@ -198,7 +210,7 @@ fn signs_once_and_here(profile: ProfileName) {
     asking.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "lets nothing go on");
     // Nothing else than what was signed, here and in time.
     let seal = asking.sign("mara", &go("mara"));
-    let other = Command::Go { by: "mara".to_owned(), reason: "another reason".to_owned(), stops: 1 };
+    let other = go_because("mara", "another reason");
     asking.refuses(&other, &seal, Refusal::NotAllowed, "signed another request");
     let for_omar = asking.sign("mara", &go("omar"));
     asking.refuses(&go("omar"), &for_omar, Refusal::NotAllowed, "names another person");
@@ -221,11 +233,16 @@ fn signs_once_and_here(profile: ProfileName) {
         asking.refuses(&go("open"), &by_open, Refusal::NotAllowed, "identity passphrase open");
     } else {
         assert!(matches!(asking.with(&go("open"), &by_open), Reply::Accepted { .. }));
+        // What she signed for that standstill is not for the next one.
+        let before = go("mara");
         asking.stop();
+        asking.refuses(&before, &seal, Refusal::NotNow, "stopped anew");
     }
 
     // It counts, once, and is on record.
-    let reply = asking.with(&go("mara"), &seal);
+    let mine = go("mara");
+    let seal = asking.sign("mara", &mine);
+    let reply = asking.with(&mine, &seal);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     assert_eq!(asking.snapshot().stopped, None);
     let kept = asked(&folder);
@@ -238,7 +255,7 @@ fn signs_once_and_here(profile: ProfileName) {
     assert_eq!(newest["seal"], serde_json::to_value(&seal).unwrap());
     assert!(newest["caller"]["process"].is_number(), "{newest}");
     asking.stop();
-    asking.refuses(&go("mara"), &seal, Refusal::Stale, "used already");
+    asking.refuses(&mine, &seal, Refusal::Stale, "used already");
 
     // Another signature of hers is another; a candidate is submitted so, and resumed so.
     let by_mara = asking.sign("mara", &register());
@@ -252,12 +269,13 @@ fn signs_once_and_here(profile: ProfileName) {
     assert!(matches!(asking.with(&resume, &seal_of_resume), Reply::Accepted { .. }));
 
     // What was signed in one life of an engine is nothing in the next, used or not.
-    let unused = asking.sign("mara", &go("mara"));
+    let later = go("mara");
+    let unused = asking.sign("mara", &later);
     asking.end(running);
     let running = engine(folder.path(), profile);
     let mut asking = Asking::of(&folder);
-    asking.refuses(&go("mara"), &seal, Refusal::Stale, "an engine that has ended");
-    asking.refuses(&go("mara"), &unused, Refusal::Stale, "an engine that has ended");
+    asking.refuses(&mine, &seal, Refusal::Stale, "an engine that has ended");
+    asking.refuses(&later, &unused, Refusal::Stale, "an engine that has ended");
 
     // A revoked key signs nothing any more.
     let persons = Views::open(&Layout::new(folder.path()).database()).unwrap().persons().unwrap();
@@ -297,11 +315,12 @@ fn under_sim_a_signature_may_be_left_out_and_counts_where_it_is_given() {
     asking.stop();
     asking.accepts(&go("nobody-at-all"));
     asking.stop();
-    let seal = asking.sign("mara", &go("mara"));
-    assert!(matches!(asking.with(&go("mara"), &seal), Reply::Accepted { .. }));
+    let mine = go("mara");
+    let seal = asking.sign("mara", &mine);
+    assert!(matches!(asking.with(&mine, &seal), Reply::Accepted { .. }));
     assert_eq!(asked(&folder)[0]["actor"]["person"], "mara");
     asking.stop();
-    asking.refuses(&go("mara"), &seal, Refusal::Stale, "used already");
+    asking.refuses(&mine, &seal, Refusal::Stale, "used already");
     asking.end(running);
 }
 

@@ -23,12 +23,8 @@ fn stop() -> Command {
     Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() }
 }
 
-fn go() -> Command {
-    go_knowing(1)
-}
-
-fn go_knowing(stops: u64) -> Command {
-    Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned(), stops }
+fn go_knowing(since_ms: u64, stops: u64) -> Command {
+    Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned(), since_ms, stops }
 }
 
 fn accepted(reply: &Reply) {
@@ -51,6 +47,13 @@ impl Front {
         ticks
     }
 
+    /// Lets the cell work, knowing how it stands.
+    fn go(&mut self) -> Reply {
+        let stopped = self.snapshot().stopped;
+        let (since_ms, stops) = stopped.map_or((0, 0), |stopped| (stopped.since_ms, stopped.stops));
+        self.carry_out(go_knowing(since_ms, stops))
+    }
+
     /// Lets the live world work for a moment, so that the arm is somewhere on its way.
     fn works_for(&mut self, moment: Duration) {
         // Some way into a sequence, another one each time.
@@ -64,7 +67,7 @@ impl Front {
             .map(|index| {
                 self.works_for(Duration::from_millis(7 * (1 + index % 11)));
                 let ticks = self.stands();
-                accepted(&self.carry_out(go()));
+                accepted(&self.go());
                 ticks
             })
             .collect();
@@ -139,16 +142,17 @@ fn nothing_works_until_a_person_says_so_also_after_a_restart() {
     // Each answer comes between two slices of work, of which there are none.
     let still = (0..50).map(|_| front.snapshot()).last().unwrap();
     assert_eq!((still.live.sequences, still.candidates[0].state.name()), (0, "registered"), "after {worked}");
-    let blank = Command::Go { by: "ana".to_owned(), reason: " ".to_owned(), stops: 2 };
+    let since = front.snapshot().stopped.unwrap().since_ms;
+    let blank = Command::Go { by: "ana".to_owned(), reason: " ".to_owned(), since_ms: since, stops: 2 };
     assert_eq!(refusal(&front.carry_out(blank)), Refusal::BadInput);
     // Who knows of one stop does not let go what the second one was for.
-    for known in [0, 1, 3] {
-        assert_eq!(refusal(&front.carry_out(go_knowing(known))), Refusal::NotNow);
+    for (since, known) in [(since, 0), (since, 1), (since, 3), (since + 1, 2), (0, 2)] {
+        assert_eq!(refusal(&front.carry_out(go_knowing(since, known))), Refusal::NotNow);
     }
-    accepted(&front.carry_out(go_knowing(2)));
+    accepted(&front.carry_out(go_knowing(since, 2)));
     front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
     assert_eq!(front.snapshot().stopped, None);
-    assert_eq!(refusal(&front.carry_out(go())), Refusal::NotNow);
+    assert_eq!(refusal(&front.go()), Refusal::NotNow);
     front.host.stop(PATIENCE).unwrap();
 }
 
@@ -195,7 +199,7 @@ fn inside_a_hold() {
     println!("holding: {ticks} ticks to the standing arm");
     assert!(ticks <= STANDS_WITHIN_TICKS, "{ticks}");
     assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
-    assert_eq!(refusal(&front.carry_out(go())), Refusal::Holding);
+    assert_eq!(refusal(&front.go()), Refusal::Holding);
     front.host.stop(PATIENCE).unwrap();
 }
 

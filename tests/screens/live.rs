@@ -176,7 +176,10 @@ fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
     });
     with("typing", "f9 stop", &|model| model.entry.typing = Some(Typing::Command(EditLine::new(&long))));
     with("form", "f9 stop", &|model| {
-        model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(Intent::Go { stops: 1, last_ms: 1 }, Vec::new()))));
+        model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(
+            Intent::Go { since_ms: 1, stops: 1, last_ms: 1 },
+            Vec::new(),
+        ))));
     });
     with("quit", "X stop", &|model| {
         model.entry.overlay = Some(Overlay::Form(Box::new(Form::new(Intent::Quit, Vec::new()))));

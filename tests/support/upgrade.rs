@@ -310,6 +310,6 @@ pub fn recording() -> Recording {
         events: (1..).zip(events).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),
         series: series(),
         films: Vec::new(),
-            dropped: (12, 0),
+        dropped: (12, 0),
     }
 }

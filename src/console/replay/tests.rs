@@ -102,7 +102,7 @@ fn recording() -> Recording {
         events: (1..).zip(kinds).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect(),
         series: Vec::new(),
         films: Vec::new(),
-            dropped: (0, 0),
+        dropped: (0, 0),
     }
 }
 

@@ -60,9 +60,10 @@ pub(super) fn go(model: &mut Model) -> Vec<Effect> {
     let stopped = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.clone());
     match stopped {
         Some(stopped) => {
-            let intent = Intent::Go { stops: stopped.stops, last_ms: stopped.last_ms() };
+            let (since_ms, stops) = (stopped.since_ms, stopped.stops);
+            let intent = Intent::Go { since_ms, stops, last_ms: stopped.last_ms() };
             open(model, intent, stop_lines(&stopped))
-        },
+        }
         None => refuse(model, "the cell is not stopped"),
     }
 }
@@ -126,7 +127,7 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
         Intent::Continue(id) => (Action::Continue, id),
         Intent::Rearm(id) => (Action::Rearm, id),
         Intent::Abort(what) => return abort_lines(model, what),
-        Intent::Go { stops, .. } => return still_stopped(model, *stops),
+        Intent::Go { since_ms, stops, .. } => return still_stopped(model, (*since_ms, *stops)),
         Intent::Goal(_) => return Ok(goal_lines(model)),
         Intent::Note => return Ok(note_lines()),
         Intent::Profile(id, profile, close) => return Ok(profile_lines(model, id, *profile, *close)),
@@ -153,10 +154,10 @@ fn register_lines() -> Vec<String> {
     vec!["It is taken in and evaluated beside what is active; nothing of it acts before its gate".to_owned()]
 }
 
-fn still_stopped(model: &Model, stops: u64) -> Result<Vec<String>, String> {
+fn still_stopped(model: &Model, read: (u64, u64)) -> Result<Vec<String>, String> {
     match model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
         None => Err("somebody has let it work already".to_owned()),
-        Some(stopped) if stopped.stops != stops => {
+        Some(stopped) if (stopped.since_ms, stopped.stops) != read => {
             let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
             Err(stopped_anew(by, stopped.last_ms()))
         }
@@ -173,7 +174,14 @@ pub(super) fn stopped_again(model: &mut Model, by: &str, at_ms: u64) {
     }
     let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
     if is_asked {
-        tell(model, format!("{}; what you asked knows nothing of it and will be refused if it comes later", stopped_anew(by, at_ms)), true);
+        tell(
+            model,
+            format!(
+                "{}; what you asked knows nothing of it and will be refused if it comes later",
+                stopped_anew(by, at_ms)
+            ),
+            true,
+        );
     } else if form.void.is_none() {
         make_void(model, stopped_anew(by, at_ms));
     }

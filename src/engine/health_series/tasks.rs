@@ -147,30 +147,34 @@ fn take_in(
     let digests: BTreeMap<u64, Digest> = batches.iter().map(|one| (one.batch, one.digest)).collect();
     let wall_ms = (record.wall_ms > 0).then_some(record.wall_ms);
     let mut there = 0;
-    telemetry.each_of_streams([LIVE, UNWATCHED], (first.batch, last.batch), |LyingBatch { number, digest, batch }| {
-        let Some(expected) = digests.get(&number) else { return };
-        there += 1;
-        let task = batch.filter(|_| digest == *expected).and_then(|batch| {
-            let worked: Worked = serde_json::from_slice(&batch.body).ok()?;
-            Some((batch.version, batch.to_ms, worked))
-        });
-        let Some((version, to_ms, worked)) = task else {
-            coverage.damaged += 1;
-            return;
-        };
-        // Both clocks went side by side from the task to its seal.
-        let lag = i64::try_from(record.at_ms.saturating_sub(to_ms)).unwrap_or(0);
-        let Some(place) = on_clock(span.clock, to_ms, wall_ms.map(|wall_ms| wall_ms - lag)) else {
-            coverage.without_wall += 1;
-            return;
-        };
-        let Some(bucket) = series.bucket_of(place) else { return };
-        if worked.invalid || worked.cut_short {
-            coverage.not_judged += 1;
-            return;
-        }
-        tallies.entry((version.family.clone(), bucket, version)).or_default().add(&worked, to_ms);
-    })?;
+    telemetry.each_of_streams(
+        [LIVE, UNWATCHED],
+        (first.batch, last.batch),
+        |LyingBatch { number, digest, batch }| {
+            let Some(expected) = digests.get(&number) else { return };
+            there += 1;
+            let task = batch.filter(|_| digest == *expected).and_then(|batch| {
+                let worked: Worked = serde_json::from_slice(&batch.body).ok()?;
+                Some((batch.version, batch.to_ms, worked))
+            });
+            let Some((version, to_ms, worked)) = task else {
+                coverage.damaged += 1;
+                return;
+            };
+            // Both clocks went side by side from the task to its seal.
+            let lag = i64::try_from(record.at_ms.saturating_sub(to_ms)).unwrap_or(0);
+            let Some(place) = on_clock(span.clock, to_ms, wall_ms.map(|wall_ms| wall_ms - lag)) else {
+                coverage.without_wall += 1;
+                return;
+            };
+            let Some(bucket) = series.bucket_of(place) else { return };
+            if worked.invalid || worked.cut_short {
+                coverage.not_judged += 1;
+                return;
+            }
+            tallies.entry((version.family.clone(), bucket, version)).or_default().add(&worked, to_ms);
+        },
+    )?;
     if there == 0 {
         // Of other streams, or gone.
         let mut any = false;

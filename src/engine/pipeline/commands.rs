@@ -183,8 +183,8 @@ impl Pipeline {
                 Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
             }
             Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
-            Command::Go { by, reason, stops } => {
-                Ok(halt::go(record, world, by, reason, stops, caller.clone())?)
+            Command::Go { by, reason, since_ms, stops } => {
+                Ok(halt::go(record, world, by, reason, (since_ms, stops), caller.clone())?)
             }
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),

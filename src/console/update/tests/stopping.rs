@@ -52,7 +52,15 @@ fn going_on_needs_a_name_and_a_reason() {
     let effects = console.press(KeyCode::Enter);
     let [Effect::Operate { confirmed, .. }] = &effects[..] else { panic!("{effects:?}") };
     let asked = confirmed.as_ref().clone().into_command();
-    assert_eq!(asked, Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned(), stops: 1 });
+    assert_eq!(
+        asked,
+        Command::Go {
+            by: "ana".to_owned(),
+            reason: "the cell is empty".to_owned(),
+            since_ms: 1_000,
+            stops: 1
+        }
+    );
 }
 
 /// What the agent works towards is asked for with a reason, as whatever a person answers for.

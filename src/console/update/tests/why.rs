@@ -120,7 +120,11 @@ fn a_click_on_a_check_selects_it_and_then_opens_it() {
     assert_eq!((console.model.row(), &console.model.entry.overlay), (1, &None), "{}", rows.join("\n"));
     console.now_ms += 1_000;
     console.tell(MsgKind::Click(6, u16::try_from(at).unwrap()));
-    assert!(matches!(console.model.entry.overlay, Some(Overlay::Why(_))), "{:?}", console.model.entry.overlay);
+    assert!(
+        matches!(console.model.entry.overlay, Some(Overlay::Why(_))),
+        "{:?}",
+        console.model.entry.overlay
+    );
 }
 
 #[test]
