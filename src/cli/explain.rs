@@ -16,6 +16,7 @@ use holdpoint_engine::explain;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::permission::PermissionUse;
+use holdpoint_governance::words::Word;
 use holdpoint_protocol::explained::{Explained, Explanation};
 use holdpoint_runtime::capability::PackageError;
 
@@ -96,7 +97,12 @@ fn one(decision: &Explained, out: &mut Output<'_>) -> Result<(), CliError> {
             (Some(found), Some(limit)) => format!(" [{found:.3} against {limit:.3}]"),
             _ => String::new(),
         };
-        out.paragraph("  ", &format!("{mark} {code}{}{numbers}", reason.text))?;
+        let text = reason
+            .code
+            .as_ref()
+            .and_then(Word::known)
+            .map_or_else(|| reason.text.as_str().into(), |code| code.told(&reason.text));
+        out.paragraph("  ", &format!("{mark} {code}{text}{numbers}"))?;
         if let Some(measured) = &reason.measured {
             out.paragraph("      ", measured)?;
         }

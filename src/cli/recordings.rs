@@ -160,6 +160,9 @@ struct RecordingFindings {
     detail: String,
 }
 
+/// A file that the chain has no digest of.
+const NOT_ON_RECORD: &str = "not on record";
+
 fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let mut found = Vec::new();
     for filed in files {
@@ -169,7 +172,9 @@ fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Ex
             FileCheck::Differs { .. } | FileCheck::OtherSize { .. } => {
                 ("DIFFERS", true, checked.difference().unwrap_or_default())
             }
-            FileCheck::NotOnRecord => ("not on record", false, "its upgrade was not closed".to_owned()),
+            FileCheck::NotOnRecord => {
+                (NOT_ON_RECORD, false, "its upgrade was not closed, or closed without it".to_owned())
+            }
         };
         found.push(RecordingFindings { file: filed.file.clone(), word, bad, detail });
     }
@@ -179,15 +184,19 @@ fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Ex
         found.push(RecordingFindings { file: recorded.file.clone(), word: "MISSING", bad: true, detail });
     }
     let bad = found.iter().filter(|one| one.bad).count();
+    let unknown = found.iter().filter(|one| one.word == NOT_ON_RECORD).count();
     for one in &found {
         let value = json!({ "file": one.file, "standing": one.word.to_lowercase(), "detail": one.detail });
         let detail = if one.detail.is_empty() { String::new() } else { format!(": {}", one.detail) };
         out.answer(&value, |out| out.line(&format!("{}  {}{detail}", one.file, one.word)))?;
     }
-    let summary = json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad });
+    let summary =
+        json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad, "not_on_record": unknown });
     out.answer(&summary, |out| {
         let word = if bad == 0 { "sound" } else { "not sound" };
-        out.line(&format!("{word}: {}, {bad} not as recorded", counted(found.len(), "recording")))
+        let rest =
+            if unknown > 0 { format!(", {unknown} that nothing on record speaks of") } else { String::new() };
+        out.line(&format!("{word}: {}, {bad} not as recorded{rest}", counted(found.len(), "recording")))
     })?;
     Ok(if bad == 0 { Exit::Confirmed } else { Exit::Rejected })
 }

@@ -1,8 +1,6 @@
 //! Words and numbers as every view, export and prompt writes them: one formatter each.
 
-use std::borrow::Cow;
-
-use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::seat::SeatView;
@@ -73,16 +71,7 @@ pub fn kappa_line(result: &DimensionResult) -> String {
 /// A reason with its code.
 #[must_use]
 pub fn reason_line(reason: &Reason) -> String {
-    format!("{}: {}", reason.code, finding(reason.code, &reason.text))
-}
-
-/// What a reason says. What is on record as better is better in the mean of the pairs: no bound stands behind it.
-#[must_use]
-pub fn finding(code: ReasonCode, text: &str) -> Cow<'_, str> {
-    match code {
-        ReasonCode::BehaviorImproved => Cow::Owned(format!("{text} on average")),
-        _ => Cow::Borrowed(text),
-    }
+    format!("{}: {}", reason.code, reason.code.told(&reason.text))
 }
 
 /// Where a version stands, flags included.

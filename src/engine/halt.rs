@@ -232,9 +232,9 @@ impl StopOnRecord {
     /// What cannot be read is a stop by somebody: uncertain means stopped.
     fn read(text: &str) -> Self {
         serde_json::from_str(text).unwrap_or(Self {
-            by: String::new(),
+            by: "nobody known".to_owned(),
             caller: Caller::Script,
-            reason: String::new(),
+            reason: "a record of a stop that cannot be read".to_owned(),
         })
     }
 

@@ -1,8 +1,9 @@
 //! The engine's clock over its ends: kept beside the database, so that a later engine goes on from where the last one
 //! stood, and not from its last record, which may lie hours before.
 //!
-//! The file is worth no more than this: it moves the clock on, never back, and by no more than the machine's clock has gone
-//! on since the last record. Without it, or without that proof, the clock goes on from the last record.
+//! The file is worth no more than this: it moves the clock on, never back, by no more than the machine's clock has gone
+//! on since the last record, and by no more than [`AHEAD_MAX_MS`]: file and time of the machine are in no chain, and whoever
+//! may write in the folder writes both. Without it, or without that proof, the clock goes on from the last record.
 
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::{FileExt as _, OpenOptionsExt as _};
@@ -14,6 +15,10 @@ use holdpoint_text::file::{NO_LINK, read_text, regular};
 
 /// How often it is kept, ms of the clock: the most that a sudden end takes back.
 const EVERY_MS: u64 = 1_000;
+
+/// How far ahead of the last record the file may put the clock, ms: a cell that works has a record every few minutes, one
+/// that stands stopped over a long weekend has none.
+const AHEAD_MAX_MS: u64 = 4 * 24 * 3_600_000;
 
 /// Bytes of the file: a number of this many digits and the end of its line.
 const BYTES: usize = 21;
@@ -49,7 +54,7 @@ fn resumed(head_ms: u64, kept_ms: Option<u64>, written_ms: Option<i64>, wall_ms:
         return head_ms;
     };
     let passed_ms = u64::try_from(wall_ms.saturating_sub(written_ms)).unwrap_or(0);
-    kept_ms.clamp(head_ms, head_ms.saturating_add(passed_ms))
+    kept_ms.clamp(head_ms, head_ms.saturating_add(passed_ms.min(AHEAD_MAX_MS)))
 }
 
 /// What the file says, if it is one that an engine writes.
@@ -107,6 +112,8 @@ mod tests {
             (5_000, Some(u64::MAX), Some(1_000), Some(11_000), 15_000),
             (5_000, Some(65_000), Some(90_000), Some(11_000), 5_000),
             (5_000, Some(65_000), None, Some(11_000), 5_000),
+            // Both were written by somebody else.
+            (5_000, Some(u64::MAX), Some(1), Some(1_795_501_388_366), 5_000 + AHEAD_MAX_MS),
         ] {
             assert_eq!(resumed(head, kept, written, wall), expected);
         }

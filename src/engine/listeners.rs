@@ -16,7 +16,7 @@ use crate::Engine;
 use crate::recordings;
 
 /// How long a script that ends waits for its recordings to be closed: nobody waits for it.
-const PATIENCE_SCRIPT: Duration = Duration::from_secs(20);
+const PATIENCE_SCRIPT: Duration = Duration::from_mins(1);
 
 /// How long a live engine does: a console gives it three seconds for everything. What is not ended by then is mended
 /// and put on record at the next start.

@@ -547,15 +547,20 @@ fn an_id_stands_for_one_command_and_a_stop_for_itself() {
     let mut ask = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
     let stop = || Command::Stop { by: "ann".to_owned(), reason: "a test".to_owned() };
     accepted(&ask(stop()));
-    let since_ms = engine.snapshot().stopped.unwrap().since_ms;
-    let go = || Command::Go { by: "ann".to_owned(), reason: "looked at".to_owned(), since_ms, stops: 2 };
+    let go = |engine: &Engine| {
+        let stopped = engine.snapshot().stopped.unwrap();
+        let (since_ms, stops) = (stopped.since_ms, stopped.stops);
+        Command::Go { by: "ann".to_owned(), reason: "looked at".to_owned(), since_ms, stops }
+    };
+    let asked = go(&engine);
     let mut ask = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
-    let other = ask(go());
+    let other = ask(asked);
     assert!(matches!(&other, Reply::Refused { code: Refusal::BadInput, .. }), "{other:?}");
     accepted(&ask(stop()));
+    let asked = go(&engine);
     let mut ask = |id: &str, command: Command| engine.submit(Request::unsigned(id.to_owned(), command));
-    accepted(&ask("second", go()));
-    accepted(&ask("second", go()));
+    accepted(&ask("second", asked.clone()));
+    accepted(&ask("second", asked));
     let stopped = ask("second", stop());
     assert!(matches!(&stopped, Reply::Accepted { text, .. } if text.contains("stopped")), "{stopped:?}");
     assert!(engine.snapshot().stopped.is_some());

@@ -89,7 +89,7 @@ impl Reason {
 
 impl std::fmt::Display for Reason {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: {}", self.code, self.text)?;
+        write!(f, "{}: {}", self.code, self.code.told(&self.text))?;
         match (self.evidence, self.limit) {
             (Some(found), Some(limit)) => write!(f, " [{found:.3} against {limit:.3}]"),
             _ => Ok(()),

@@ -7,7 +7,7 @@ use crate::rows::CandidateItem;
 use crate::theme::mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
-use crate::words::{finding, kappa_sign, reason_line, seconds};
+use crate::words::{kappa_sign, reason_line, seconds};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::words::Word;
 use holdpoint_protocol::detail::{Difference, DrillView, Measure};
@@ -188,7 +188,7 @@ fn decided(decision: &Explained, look: &Look, width: usize) -> Vec<Row> {
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
         let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
         let text = match reason.code.as_ref().and_then(Word::known) {
-            Some(known) => finding(*known, &reason.text),
+            Some(known) => known.told(&reason.text),
             None => Cow::Borrowed(reason.text.as_str()),
         };
         say(ThemeRole::Text, &format!("{sign} {code}: {text}{measured}"));

@@ -4,7 +4,7 @@
 //! own bounds; judges nothing.
 
 use holdpoint_governance::behavior::{Component, ComponentName};
-use holdpoint_governance::decision::{Dimension, Kappa, Reason};
+use holdpoint_governance::decision::{Dimension, Kappa, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, Pair};
 use holdpoint_protocol::detail::{FindingVerdict, WhyFinding, WhyView};
 use holdpoint_protocol::film::{FilmAsked, FilmOf};
@@ -86,13 +86,18 @@ pub(crate) fn in_short(dossier: &Dossier) -> Vec<String> {
 /// in its favour what is said to whoever has to decide next.
 pub(crate) fn of_decision(dossier: &Dossier, reasons: &[Reason]) -> Vec<String> {
     let mut against: Vec<Dimension> = Vec::new();
-    for reason in reasons.iter().filter(|reason| !is_in_favour(reason.code)) {
+    // What is still to be measured decided nothing, and the composition says what its parts came to.
+    let decides = |reason: &&Reason| {
+        let open = matches!(reason.code, ReasonCode::BehaviorNoData | ReasonCode::RecoveryNoData);
+        !is_in_favour(reason.code) && !open && reason.dimension != Dimension::Composition
+    };
+    for reason in reasons.iter().filter(decides) {
         if !against.contains(&reason.dimension) {
             against.push(reason.dimension);
         }
     }
     if against.is_empty() || dossier.kappas.is_none() {
-        return in_short(dossier);
+        return if dossier.pairs.is_empty() { Vec::new() } else { in_short(dossier) };
     }
     let mut said = Vec::new();
     for about in against {

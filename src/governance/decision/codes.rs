@@ -391,6 +391,18 @@ impl ReasonCode {
     }
 }
 
+impl ReasonCode {
+    /// What a reason with this code says to people. What is on record as better is better in the mean of the pairs: no bound
+    /// stands behind it.
+    #[must_use]
+    pub fn told(self, text: &str) -> std::borrow::Cow<'_, str> {
+        match self {
+            Self::BehaviorImproved => std::borrow::Cow::Owned(format!("{text} on average")),
+            _ => std::borrow::Cow::Borrowed(text),
+        }
+    }
+}
+
 impl std::fmt::Display for ReasonCode {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.as_str())
