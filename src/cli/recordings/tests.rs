@@ -69,7 +69,10 @@ fn what_was_changed_or_is_missing_is_found() {
     let folder = Layout::new(root.path()).recordings();
     let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed, "{text}");
-    assert!(text.ends_with("sound: 3 recordings, 0 not as recorded\n"), "{text}");
+    assert!(
+        text.ends_with("sound: 3 recordings, 0 not as recorded, 1 that nothing on record speaks of\n"),
+        "{text}"
+    );
     std::fs::write(folder.join(FILE), "longer than what was recorded").unwrap();
     let (_, text) = ask(&context, RecordingsVerb::Verify, false);
     assert!(text.contains(&format!("{FILE}  DIFFERS: it has 29 bytes, 24 were recorded")), "{text}");
