@@ -118,6 +118,7 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Resu
                 subject: subject.clone(),
                 limit: *limit as usize,
                 newest_first: true,
+                ..AuditFilter::default()
             };
             list(&data::open(&context.data)?, &filter, out)?;
         }

@@ -4,6 +4,8 @@
 //! Reads a record's content as plain JSON: a record of another build is told as far as its words are known. The record
 //! itself is what counts; a sentence only helps to find it.
 
+use std::collections::BTreeSet;
+
 use serde_json::Value;
 
 use super::words::seconds;
@@ -40,6 +42,13 @@ impl AuditGroup {
     #[must_use]
     pub fn of_pane(pane: usize) -> Self {
         Self::ALL.get(pane).copied().unwrap_or(Self::All)
+    }
+
+    /// The kinds that it does not show: what a pane is filled with is read for it, for the newest records of a store that has
+    /// worked for long are seals of telemetry alone.
+    #[must_use]
+    pub fn leaves_out(self) -> BTreeSet<RecordKind> {
+        RecordKind::ALL.into_iter().filter(|kind| !self.shows(Some(kind))).collect()
     }
 
     /// Whether it shows a kind; a kind of another build is shown everywhere but among people and alarms.

@@ -16,7 +16,7 @@ pub const WITH_ARGUMENT: [(&str, &str, &str); 12] = [
     ("drift", "KIND MAGNITUDE | off", "Let a drift set in in the simulated cell, or end it"),
     ("export", "", "Export this view as text and JSON"),
     ("goal", "GOAL", "Say what the agent of the live cell works towards, reason required"),
-    ("note", "", "Leave a note for those who come after: on record, and marked in Health"),
+    ("note", "[TEXT]", "Leave a note for those who come after: on record, and marked in Health"),
     ("open", "PROFILE", "Open a profile to the version under the cursor again, reason required"),
     ("pace", "N | max", "Simulated seconds in a second of the live cell"),
     ("register", "DIR", "Submit a candidate's folder"),
@@ -42,7 +42,7 @@ pub enum Asked {
     /// What the agent works towards, in words for its interpreter.
     Goal(String),
     /// A note for those who come after.
-    Note,
+    Note(String),
 }
 
 impl Asked {
@@ -57,7 +57,7 @@ impl Asked {
             | Self::Drift(_)
             | Self::Profile(..)
             | Self::Goal(_)
-            | Self::Note => true,
+            | Self::Note(_) => true,
             Self::As(_) | Self::Theme(_) | Self::Candidate(_) => false,
         }
     }
@@ -82,8 +82,7 @@ pub fn parse(text: &str) -> Result<Asked, String> {
         "pace" => pace(rest).map(Asked::Pace),
         "drift" => drift(rest),
         "goal" => needs("a goal: pick-align-place, grasp, align or place").map(Asked::Goal),
-        "note" if rest.is_empty() => Ok(Asked::Note),
-        "note" => Err(":note takes nothing after it; it opens a form".to_owned()),
+        "note" => Ok(Asked::Note(rest.to_owned())),
         "close" => needs("a profile: sim, real or human").and_then(|name| profile(&name, true)),
         "open" if !rest.is_empty() => profile(rest, false),
         "candidate" if !rest.is_empty() => {
@@ -221,7 +220,8 @@ mod tests {
             ("candidate", Asked::Action(Action::ShowCandidate)),
             ("drift off", Asked::Drift(None)),
             ("goal align", Asked::Goal("align".to_owned())),
-            ("note", Asked::Note),
+            ("note", Asked::Note(String::new())),
+            ("note the tray is new", Asked::Note("the tray is new".to_owned())),
             ("close human", Asked::Profile(ProfileName::Human, true)),
             ("open human", Asked::Profile(ProfileName::Human, false)),
             ("open", Asked::Action(Action::Open)),

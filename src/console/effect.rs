@@ -3,6 +3,7 @@
 //! Nothing dangerous can be made here: [`Effect::Decide`] takes a [`PromptAnswer`] and [`Effect::Operate`] a
 //! [`Confirmed`], which only an open prompt and a filled form can make.
 
+use super::audit::AuditGroup;
 use super::form::Confirmed;
 use super::model::{AskedFor, View};
 use super::prompt::PromptAnswer;
@@ -94,11 +95,8 @@ pub enum Question {
         version: CapabilityId,
         asked: FilmAsked,
     },
-    /// The log, the newest first.
-    Audit {
-        /// About this alone; empty for all.
-        subject: String,
-    },
+    /// What a pane of the log shows, the newest first.
+    Audit(AuditGroup),
     /// What live tasks came to over time.
     Health(HealthAsked),
     /// The course of alarms.
@@ -138,7 +136,7 @@ impl Question {
             Self::Detail(_) => AskedFor::Detail,
             Self::Registry { .. } => AskedFor::Registry,
             Self::Film { .. } => AskedFor::Film,
-            Self::Audit { .. } => AskedFor::Audit,
+            Self::Audit(_) => AskedFor::Audit,
             Self::Health(_) => AskedFor::Health,
             Self::AlarmHistory(_) => AskedFor::AlarmHistory,
             Self::Verify => AskedFor::Verification,
@@ -156,7 +154,12 @@ impl Question {
             Self::Detail(version) => Command::Detail { version },
             Self::Registry { group, text } => Command::Registry { group, text, offset: 0, limit: PAGE_ROWS },
             Self::Film { version, asked } => Command::Film { version, asked },
-            Self::Audit { subject } => Command::Audit { before: None, subject, limit: AUDIT_ROWS },
+            Self::Audit(group) => Command::Audit {
+                before: None,
+                subject: String::new(),
+                without: group.leaves_out(),
+                limit: AUDIT_ROWS,
+            },
             Self::Health(asked) | Self::AlarmHistory(asked) => Command::Health { asked },
             Self::Verify => Command::VerifyAudit,
             Self::Acknowledge { alarm, by } => Command::AcknowledgeAlarm { alarm, by },

@@ -171,9 +171,6 @@ impl Reader<'_> {
             .filter_map(moved)
             .collect();
         self.push(record, ruling, &reasons, &dossier);
-        if let Some(pushed) = self.decisions.last_mut() {
-            pushed.said = stated::sentences(&record.body);
-        }
         moved.into_iter().rev().for_each(|text| self.then(text));
     }
 
@@ -275,7 +272,7 @@ impl Reader<'_> {
             ruling,
             permissions: dossier.permissions.clone().filter(|_| is_sandbox),
             kept: dossier.kept.clone().filter(|_| is_sandbox),
-            said: Vec::new(),
+            said: stated::sentences(&record.body),
             reasons: reasons
                 .into_iter()
                 .map(|reason| ExplainedReason {

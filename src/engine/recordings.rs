@@ -48,11 +48,9 @@ fn of_kind(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreErr
     loop {
         let page = views.audit(&AuditFilter {
             from_seq,
-            before_seq: None,
             kind: Some(kind),
-            subject: None,
             limit: PAGE_ROWS_MAX,
-            newest_first: false,
+            ..AuditFilter::default()
         })?;
         let full = page.len() >= PAGE_ROWS_MAX;
         from_seq = page.last().map_or(from_seq, |record| record.seq + 1);

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 
 use super::detail::{AuditPage, Detail, RegistryPage, Verified};
 use super::explained::blank;
@@ -13,7 +14,7 @@ use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::VersionGroup;
+use holdpoint_governance::record::{RecordKind, VersionGroup};
 use holdpoint_governance::submission::Package;
 use holdpoint_text::Hint;
 
@@ -205,6 +206,9 @@ pub enum Command {
         before: Option<u64>,
         /// Only records about this family, version or alarm; empty for all.
         subject: String,
+        /// Kinds that are left out before rows are counted; empty for none.
+        #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+        without: BTreeSet<RecordKind>,
         /// Most rows to return; [`PAGE_MAX`](super::detail::PAGE_MAX) is the limit.
         limit: u64,
     },

@@ -1,5 +1,7 @@
 //! What the views return: plain data, as the registry keeps it.
 
+use std::collections::BTreeSet;
+
 use super::names::EvidenceKind;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
@@ -146,6 +148,8 @@ pub struct AuditFilter {
     pub before_seq: Option<u64>,
     /// Of this kind only.
     pub kind: Option<RecordKind>,
+    /// Of none of these kinds.
+    pub without: BTreeSet<RecordKind>,
     /// About exactly this subject only.
     pub subject: Option<String>,
     /// How many at most; 0 for [`PAGE_ROWS_MAX`].

@@ -461,6 +461,10 @@ impl Views {
                 sql.push_str(&format!(" AND {column} = ?{}", values.len()));
             }
         }
+        for kind in &filter.without {
+            values.push(Value::Text(kind.name().to_owned()));
+            sql.push_str(&format!(" AND kind <> ?{}", values.len()));
+        }
         if let Some(before) = filter.before_seq {
             values.push(Value::Integer(i64::try_from(before).unwrap_or(i64::MAX)));
             sql.push_str(&format!(" AND seq < ?{}", values.len()));

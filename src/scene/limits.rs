@@ -55,6 +55,9 @@ pub const PATH_STEP_M: f32 = 0.015;
 /// The most points of a tool path.
 pub const PATH_POINTS_MAX: usize = 96;
 
+/// Pieces of an evaluation that are read of one file: paired, alone, and each kind of drill, in a few segments.
+pub const FILMS_MAX: usize = 64;
+
 /// Between two pieces of an evaluation that are laid one after the other, ms.
 pub const FILM_GAP_MS: u64 = 500;
 

@@ -15,14 +15,14 @@ use super::ReadError;
 use super::credible::credible_bytes;
 use super::drawing::{PictureFacts, RecordingHead, Tail, paths};
 use super::guarded::guarded;
-use super::limits::READ_BYTES_MAX;
+use super::limits::{FILMS_MAX, READ_BYTES_MAX, TEXT_WIDTH_MAX};
 use super::rows::TICK;
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::picture::{
     ArmPicture, Block, CONTACTS_MAX, Contact, NO_TURN, Picture, Point, Turn, Twin,
 };
-use holdpoint_recordings::recording::{Recording, Series};
+use holdpoint_recordings::recording::{FilmSpan, Recording, Series};
 
 /// What a file holds of its recording, in the order in which it was written.
 #[derive(Debug)]
@@ -95,13 +95,17 @@ fn values(path: &Path) -> Result<Recording, ReadError> {
         pictures: pictures(&chunks),
         events,
         series: series(&chunks),
-        films: texts(&chunks, paths::FILM)
-            .iter()
-            .filter_map(|text| serde_json::from_str(text).ok())
-            .collect(),
+        films: films(&chunks),
         dropped: tail.as_ref().map_or((0, 0), |tail| tail.dropped),
         outcome: tail.and_then(|tail| tail.outcome),
     })
+}
+
+/// The pieces of an evaluation that are in it; more than an evaluation has, or longer texts, no engine wrote.
+fn films(chunks: &[Chunk]) -> Vec<FilmSpan> {
+    let texts = texts(chunks, paths::FILM);
+    let short = texts.iter().filter(|text| text.len() <= 4 * TEXT_WIDTH_MAX);
+    short.filter_map(|text| serde_json::from_str(text).ok()).take(FILMS_MAX).collect()
 }
 
 /// What was known when a recording began: of several segments the first one's.

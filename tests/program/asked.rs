@@ -100,7 +100,15 @@ fn what_is_refused_changes_nothing() {
             Command::Registry { group: VersionGroup::All, text: "x".repeat(1_000), offset: 0, limit: 10 },
             Refusal::BadInput,
         ),
-        (Command::Audit { before: None, subject: "x".repeat(1_000), limit: 10 }, Refusal::BadInput),
+        (
+            Command::Audit {
+                before: None,
+                subject: "x".repeat(1_000),
+                without: std::collections::BTreeSet::new(),
+                limit: 10,
+            },
+            Refusal::BadInput,
+        ),
     ] {
         let what = format!("{command:?}");
         match bench.ask(command) {
@@ -169,7 +177,12 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     assert_eq!(decide(SHOWN_BYTES_MAX + 1), Refusal::BadInput);
     // Nothing waits for a decision, so there is nothing to keep.
     assert_eq!(decide(SHOWN_BYTES_MAX), Refusal::NotFound);
-    let audit = bench.ask(Command::Audit { before: None, subject: String::new(), limit: 100 });
+    let audit = bench.ask(Command::Audit {
+        before: None,
+        subject: String::new(),
+        without: std::collections::BTreeSet::new(),
+        limit: 100,
+    });
     let Reply::Audit { page } = audit else { panic!("no page") };
     assert!(page.rows.iter().all(|row| row.kind != RecordKind::Shown));
 }
@@ -221,13 +234,24 @@ fn pages_are_bounded_and_go_on() {
         Reply::Audit { page } => page,
         other => panic!("{other:?}"),
     };
-    let audit = |before, limit| Command::Audit { before, subject: String::new(), limit };
+    let audit = |before, limit| Command::Audit {
+        before,
+        subject: String::new(),
+        without: std::collections::BTreeSet::new(),
+        limit,
+    };
     let newest = page(bench.ask(audit(None, 4)));
     assert_eq!(newest.rows.first().unwrap().seq, newest.head);
     let last = newest.rows.last().unwrap().seq;
     let older = page(bench.ask(audit(Some(last), 4)));
     assert_eq!(older.rows.first().unwrap().seq, last - 1);
     assert!(page(bench.ask(audit(None, u64::MAX))).rows.len() <= PAGE_MAX);
+    // What is left out takes no row from what is wanted.
+    let left_out = newest.rows.iter().filter_map(|row| row.kind.known().copied()).collect();
+    let others = Command::Audit { before: None, subject: String::new(), without: left_out, limit: 4 };
+    let others = page(bench.ask(others)).rows;
+    assert_eq!(others.len(), 4);
+    assert!(others.iter().all(|row| newest.rows.iter().all(|new| new.kind != row.kind)), "{others:?}");
     let Reply::Verified { verified } = bench.ask(Command::VerifyAudit) else { panic!("no word") };
     assert!(verified.holds, "{}", verified.text);
     assert_eq!(verified.records, newest.head);

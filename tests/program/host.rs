@@ -203,7 +203,12 @@ fn what_happens_between_sequences_waits_and_the_rest_does_not() {
     front.picture(|picture| picture.task.is_some());
     let drift =
         front.ask(Command::Drift { kind: Some(DriftKind::SensorNoise), magnitude: Some(Magnitude::Mild) });
-    let audit = front.ask(Command::Audit { before: None, subject: String::new(), limit: 3 });
+    let audit = front.ask(Command::Audit {
+        before: None,
+        subject: String::new(),
+        without: std::collections::BTreeSet::new(),
+        limit: 3,
+    });
     let Reply::Audit { page } = front.answer(&audit) else { panic!("no page") };
     assert_eq!(page.rows.len(), 3);
     assert!(page.rows.windows(2).all(|two| two[0].seq > two[1].seq));

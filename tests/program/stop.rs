@@ -238,8 +238,14 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     let Caller::Process { uid, process, .. } = kept.caller else { panic!("{kept:?}") };
     assert_eq!((kept.by.as_str(), uid), ("bo", own));
     assert_ne!(process, Some(std::process::id()), "whose process it was is the system's word");
+    // A second stop that nobody says they know of is not let go, and who stopped it is printed.
+    assert_eq!(holdpoint(&data, &["stop", "--as", "cy", "--reason", "smoke"]).status.code(), Some(0));
+    let kept_so = holdpoint(&data, &words);
+    assert_eq!(kept_so.status.code(), Some(3), "{}", said(&kept_so));
+    assert!(said(&kept_so).contains("by bo") && said(&kept_so).contains(": smoke"), "{}", said(&kept_so));
+    assert!(front.snapshot().stopped.is_some());
     front.events.clear();
-    assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
+    assert_eq!(holdpoint(&data, &[&words[..], &["--stops", "2"]].concat()).status.code(), Some(0));
     let released = front.until(|kind| matches!(kind, EventKind::CellReleased { .. }));
     let EventKind::CellReleased { caller: Caller::Process { uid, process, .. }, .. } = released.kind else {
         panic!("{released:?}")

@@ -1,12 +1,16 @@
 //! The reducer's tables: keys, stepping, jumping, playing.
 
+use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use ratatui::layout::Rect;
 
 use super::super::charts::ChartGroup;
 use super::super::model::{NOTICE_MS, ReplayModel};
 use super::super::playing::wakes_in_ms;
 use super::super::speed::Speed;
 use super::super::timeline::Timeline;
+use crate::look::{Depth, Glyphs, Look, Theme};
+
 use super::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::{Stage, State};
@@ -15,7 +19,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::picture::{ArmPicture, NO_TURN, Picture, Scenery};
-use holdpoint_recordings::recording::{About, Recording};
+use holdpoint_recordings::recording::{About, FilmSpan, Recording};
 
 /// Pictures every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
 fn pictures() -> Vec<Picture> {
@@ -356,4 +360,32 @@ fn how_it_stood_follows_the_events() {
         [gap(12_000), gap(20_050), gap(21_400), gap(21_600), gap(49_000)],
         [Some((10_000, 20_000)), None, None, Some((21_000, 40_000)), Some((41_000, 50_000))]
     );
+}
+
+/// The last picture of what was worked again stands there until another follows; it must not pass for the live arm's.
+#[test]
+fn a_picture_of_what_was_worked_again_says_so_as_long_as_it_is_shown() {
+    let mut recording = recording();
+    let last_ms =
+        recording.pictures.iter().map(|picture| picture.at_ms).filter(|at| *at <= 21_000).max().unwrap();
+    recording.films = vec![FilmSpan {
+        from_ms: recording.pictures[0].at_ms,
+        until_ms: last_ms,
+        title: "episode 3 of 9".to_owned(),
+        why: "it drops the block".to_owned(),
+    }];
+    let mut model = ReplayModel::new(Timeline::new(recording), Speed::default());
+    let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+    for at_ms in [last_ms, last_ms + 5_000] {
+        model.cursor = model.timeline.at(at_ms);
+        let area = Rect::new(0, 0, 120, 36);
+        let mut buf = Buffer::empty(area);
+        super::super::frame::draw(&model, &look, area, &mut buf);
+        let screen: String = buf.content().iter().map(ratatui::buffer::Cell::symbol).collect();
+        assert!(
+            screen.contains("worked again, with") && screen.contains("drops the block"),
+            "{at_ms}: {screen}"
+        );
+        assert!(!screen.contains("sequence "), "{at_ms}: {screen}");
+    }
 }

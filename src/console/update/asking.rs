@@ -1,6 +1,7 @@
 //! What the console asks the engine for, and when: on entering a view, and again when something changed.
 
 use super::{health, operating, overlays, tell};
+use crate::audit::AuditGroup;
 use crate::effect::{Effect, Question};
 use crate::model::{AskedFor, EngineState, HISTORY_PANE, Model, PendingRequest, StopAsked, View};
 use holdpoint_governance::record::VersionGroup;
@@ -81,7 +82,7 @@ fn wanted(model: &Model) -> Option<Question> {
         View::Overview | View::Alarms | View::Approvals => None,
         View::Registry => Some(Question::Registry { group: group(model), text: String::new() }),
         View::Candidate | View::Shadow => Some(Question::Detail(model.subject()?)),
-        View::Audit => Some(Question::Audit { subject: String::new() }),
+        View::Audit => Some(Question::Audit(AuditGroup::of_pane(model.place.pane_of(View::Audit)))),
     }
 }
 

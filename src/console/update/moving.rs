@@ -171,7 +171,7 @@ pub(super) fn to_pane(model: &mut Model, next: usize) -> Vec<Effect> {
     if let Some(pane) = model.place.panes.get_mut(model.place.view as usize) {
         *pane = next;
     }
-    if matches!(model.place.view, View::Registry | View::Alarms) {
+    if matches!(model.place.view, View::Registry | View::Alarms | View::Audit) {
         asking::refresh_now(model)
     } else {
         Vec::new()

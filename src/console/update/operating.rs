@@ -4,6 +4,7 @@ use super::{asking, marking, overlays, refuse, seating, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent, NOBODY};
+use crate::line::EditLine;
 use crate::model::{AskedFor, EngineLink, EngineState, Model, Overlay};
 use crate::prompt::Prompt;
 use crate::words::{seconds, standing};
@@ -309,9 +310,14 @@ pub(super) fn goal(model: &mut Model, goal: String) -> Vec<Effect> {
     open(model, Intent::Goal(goal), lines)
 }
 
-/// Opens the form that takes a note.
-pub(super) fn note(model: &mut Model) -> Vec<Effect> {
-    open(model, Intent::Note, note_lines())
+/// Opens the form that takes a note, with what was typed of it.
+pub(super) fn note(model: &mut Model, text: &str) -> Vec<Effect> {
+    let effects = open(model, Intent::Note, note_lines());
+    match &mut model.entry.overlay {
+        Some(Overlay::Form(form)) if form.intent == Intent::Note => form.reason = EditLine::new(text),
+        _ => {}
+    }
+    effects
 }
 
 fn note_lines() -> Vec<String> {

@@ -166,7 +166,7 @@ fn harmless(effects: &[Effect]) -> bool {
         Effect::Decide { .. } | Effect::Operate { .. } | Effect::End | Effect::Register { .. } => false,
         Effect::Ask { question, .. } => {
             use Question as Q;
-            let reads = matches!(question, Q::Detail(_) | Q::Registry { .. } | Q::Audit { .. });
+            let reads = matches!(question, Q::Detail(_) | Q::Registry { .. } | Q::Audit(_));
             reads || matches!(question, Q::Health(_) | Q::AlarmHistory(_))
         }
         _ => true,

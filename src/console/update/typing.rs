@@ -165,7 +165,7 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
         }
         Asked::Profile(profile, close) => super::operating::on_profile(model, profile, close),
         Asked::Goal(goal) => super::operating::goal(model, goal),
-        Asked::Note => super::operating::note(model),
+        Asked::Note(text) => super::operating::note(model, &text),
         Asked::Candidate(version) => {
             model.place.chosen = Some(version);
             show(model, View::Candidate)

@@ -369,7 +369,8 @@ fn under(model: &Model, series: &HealthSeries, width: usize) -> Vec<Row> {
         say(ThemeRole::Text, &values(series, point, &start), 2);
     }
     let mut marks: Vec<&HealthMark> = series.marks_in(Some(&family), bucket).collect();
-    marks.sort_by_key(|mark| mark.kind.weight());
+    // Of equal weight the newest first: the others are counted.
+    marks.sort_by_key(|mark| (mark.kind.weight(), std::cmp::Reverse(mark.at_ms)));
     for mark in marks.iter().take(3) {
         let when = match (series.clock, mark.wall_ms) {
             (HealthClock::Wall, Some(wall_ms)) => calendar::time(wall_ms - wall_ms.rem_euclid(1_000)),

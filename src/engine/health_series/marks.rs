@@ -293,7 +293,7 @@ fn told(kind: RecordKind, record: &AuditRecord) -> Option<(MarkKind, Option<Fami
         RecordKind::CellReleased => (MarkKind::Released, None, by_whom("let the cell work", &person())),
         RecordKind::ShiftNote => {
             let NoteOnRecord { by, text } = serde_json::from_str(&record.body).ok()?;
-            (MarkKind::Note, None, format!("{by} notes: {text}"))
+            (MarkKind::Note, None, format!("{by}: {text}"))
         }
         RecordKind::GoalSet => {
             let said = person();

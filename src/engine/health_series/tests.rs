@@ -7,8 +7,11 @@ use crate::kept_task::{KeptMarks, KeptTask, LIVE};
 use holdpoint_body::TaskKind;
 use holdpoint_governance::alarms::{AlarmBook, AlarmChange, AlarmEvent, AlarmKey, Priority, apply};
 use holdpoint_governance::ids::Family;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::health::{MarkKind, Trend};
+use holdpoint_protocol::command::{Command, Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::health::{HealthClock, MarkKind, Trend};
 use holdpoint_registry::{AuditBody, Batch, Change, Store, Transaction};
 use holdpoint_runtime::task::TaskRecord;
 
@@ -102,6 +105,36 @@ impl Shift {
     fn read(&self, asked: &HealthAsked) -> HealthSeries {
         HealthReader::open(self.store.layout()).unwrap().read(asked, None).unwrap()
     }
+}
+
+/// Before there was an upgrade nothing was on record; and a note is a person's word, which has to be one.
+#[test]
+fn first_versions_and_notes_are_on_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut engine = crate::tests::pipeline(folder.path(), ProfileName::Sim);
+    let report = engine.live().sequence(None).unwrap();
+    assert_eq!(report.planned, 3);
+    let note = |text: &str| Command::Note { by: "ana".to_owned(), text: text.to_owned() };
+    for blank in ["", " ", "\u{200b}"] {
+        let reply = engine.command(note(blank));
+        assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{blank:?}: {reply:?}");
+    }
+    crate::tests::accepted(&engine.command(note("the tray is new")));
+    let told = |event: &EventKind| matches!(event, EventKind::ShiftNote { by, text } if by == "ana" && text == "the tray is new");
+    assert!(engine.drain_events().iter().any(told));
+    let layout = engine.record().ledger().store().layout();
+    let (clock, bucket_ms) = (Some(HealthClock::Virtual), MINUTE_MS);
+    let asked = HealthAsked { clock, bucket_ms, buckets: 10, ..HealthAsked::default() };
+    let series = HealthReader::open(layout).unwrap().read(&asked, None).unwrap();
+    let tasks: u64 = series.points.iter().map(|point| point.tasks).sum();
+    assert_eq!(tasks, report.tasks.len() as u64, "sealed with the note: {:?}", series.coverage);
+    let notes: Vec<&str> = series
+        .marks
+        .iter()
+        .filter(|mark| mark.kind == MarkKind::Note)
+        .map(|mark| mark.text.as_str())
+        .collect();
+    assert_eq!(notes, ["ana: the tray is new"]);
 }
 
 fn grasp() -> Family {

@@ -194,7 +194,9 @@ impl Pipeline {
             Command::Registry { group, text, offset, limit } => {
                 lookup::registry_page(context, record, group, &text, offset, limit)
             }
-            Command::Audit { before, subject, limit } => lookup::audit_page(record, before, &subject, limit),
+            Command::Audit { before, subject, without, limit } => {
+                lookup::audit_page(record, before, &subject, without, limit)
+            }
             Command::VerifyAudit => lookup::verify_audit(record),
             // The engine answers these itself.
             Command::Stop { .. } | Command::Snapshot | Command::Health { .. } | Command::Shutdown => {

@@ -319,11 +319,11 @@ fn keep_telemetry(
     kept: &KeptTask<'_>,
     duration_ms: u64,
 ) -> Result<(), Fault> {
-    let (stream, body) = if monitors.of(id).is_some() {
-        (LIVE, serde_json::to_vec(kept)?)
+    let (stream, rows, body) = if monitors.of(id).is_some() {
+        (LIVE, kept.record.path.len().max(1), serde_json::to_vec(kept)?)
     } else {
         let record = TaskRecord { path: Vec::new(), ..kept.record.clone() };
-        (UNWATCHED, serde_json::to_vec(&KeptTask { record: &record, marks: kept.marks })?)
+        (UNWATCHED, 1, serde_json::to_vec(&KeptTask { record: &record, marks: kept.marks })?)
     };
     let to_ms = record.now_ms();
     let batch = Batch {
@@ -331,7 +331,7 @@ fn keep_telemetry(
         stream: stream.to_owned(),
         from_ms: to_ms.saturating_sub(duration_ms),
         to_ms,
-        rows: kept.record.path.len().max(1) as u64,
+        rows: rows as u64,
         body,
     };
     let store = record.ledger().store();

@@ -2,6 +2,8 @@
 //!
 //! Reads the store's views and the evidence; changes nothing. Every page is bounded in rows and bytes.
 
+use std::collections::BTreeSet;
+
 use super::evidence::{behavior, drills, modes};
 use super::why;
 use crate::context::Context;
@@ -14,7 +16,7 @@ use holdpoint_approvals::keyfile;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::record::{AuditRecord, VersionGroup};
+use holdpoint_governance::record::{AuditRecord, RecordKind, VersionGroup};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::detail::{AuditPage, Detail, PAGE_MAX, RegistryPage, Verified};
 use holdpoint_registry::names::EvidenceKind;
@@ -64,6 +66,7 @@ pub(crate) fn audit_page(
     record: &Record,
     before: Option<u64>,
     subject: &str,
+    without: BTreeSet<RecordKind>,
     limit: u64,
 ) -> Result<Reply, Fault> {
     if let Some(refused) = too_long("subject", subject) {
@@ -73,6 +76,7 @@ pub(crate) fn audit_page(
     let filter = AuditFilter {
         before_seq: before,
         subject: (!subject.is_empty()).then(|| subject.to_owned()),
+        without,
         limit: rows(limit),
         newest_first: true,
         ..AuditFilter::default()

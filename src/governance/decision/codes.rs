@@ -389,9 +389,7 @@ impl ReasonCode {
                 | Self::ApprovalBreakGlass
         )
     }
-}
 
-impl ReasonCode {
     /// What a reason with this code says to people. What is on record as better is better in the mean of the pairs: no bound
     /// stands behind it.
     #[must_use]

@@ -14,11 +14,15 @@ use crate::replay::FRESH_MS;
 use crate::replay::model::ReplayModel;
 use crate::views::robot;
 use crate::widgets::pen::{Pen, below};
+use holdpoint_recordings::recording::FilmSpan;
 
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let picture = model.cursor.picture.and_then(|picture| model.timeline.picture(picture));
     let place = picture
-        .map(|picture| format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs))
+        .map(|picture| match film(model) {
+            Some(_) => format!("worked again, {:.1} s", picture.at_secs),
+            None => format!("sequence {}, {:.1} s", picture.sequence, picture.at_secs),
+        })
         .unwrap_or_default();
     let inside = pen.pane(area, "Robot", false, &place);
     draw_inside(model, pen, inside);
@@ -46,12 +50,18 @@ pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
+/// The piece of an evaluation that the picture shown is of; `None` for one of the live cell. It is the picture's time that
+/// says so: the last one stands there until another follows, and nobody may take it for what the live arm did.
+fn film(model: &ReplayModel) -> Option<&FilmSpan> {
+    let at_ms = model.timeline.picture(model.cursor.picture?)?.at_ms;
+    let films = &model.timeline.recording().films;
+    films.iter().find(|film| (film.from_ms..=film.until_ms).contains(&at_ms))
+}
+
 /// What must be known about the picture before it is looked at.
 fn doubts(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
     let mut said = Vec::new();
-    let films = &model.timeline.recording().films;
-    let at_ms = model.cursor.at_ms;
-    if let Some(film) = films.iter().find(|film| (film.from_ms..=film.until_ms).contains(&at_ms)) {
+    if let Some(film) = film(model) {
         said.push((ThemeRole::Unknown, film.sentence()));
     }
     if let Some((from_ms, to_ms)) = model.timeline.gap_ms(model.cursor) {

@@ -142,7 +142,7 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
         // What the view shows is asked for anew.
         assert!(matches!(
             &console.tell(MsgKind::Tick)[..],
-            [Effect::Ask { question: Question::Audit { .. }, .. }]
+            [Effect::Ask { question: Question::Audit(_), .. }]
         ));
     }
 }

@@ -2,7 +2,9 @@
 
 use super::agreeing::screen;
 use super::*;
+use crate::audit::AuditGroup;
 use crate::model::STORY_PANE;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::detail::AuditPage;
 use holdpoint_protocol::event::{Event, EventKind};
 
@@ -341,4 +343,21 @@ fn changed_files_of_keys_and_themes_are_taken_in() {
     console.press(KeyCode::F(5));
     assert_eq!(console.model.place.view, View::Alarms);
     assert_eq!(console.keys("T"), [Effect::UseTheme("dusk".to_owned())]);
+}
+
+/// After a long shift the newest thousand records were seals of telemetry, and notes and stops could not be reached.
+#[test]
+fn each_pane_of_the_log_is_read_for_itself() {
+    let mut console = TestConsole::new(0);
+    let asked = |effects: &[Effect]| match effects {
+        [Effect::Ask { question: Question::Audit(group), .. }] => *group,
+        other => panic!("{other:?}"),
+    };
+    let told = asked(&console.keys("7"));
+    assert_eq!(told, AuditGroup::Told);
+    for kind in [RecordKind::TelemetrySealed, RecordKind::TelemetryBlockSealed] {
+        assert!(told.leaves_out().contains(&kind) && !AuditGroup::All.leaves_out().contains(&kind));
+    }
+    assert!(!told.leaves_out().contains(&RecordKind::ShiftNote));
+    assert_eq!(asked(&console.press(KeyCode::Tab)), AuditGroup::People);
 }
