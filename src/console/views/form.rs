@@ -11,7 +11,7 @@
 use ratatui::layout::Rect;
 
 use super::hints::field;
-use crate::form::{Form, FormFocus, SHELVE_MINUTES_MAX};
+use crate::form::{Form, FormFocus, Intent, SHELVE_MINUTES_MAX};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::widgets::pen::Pen;
@@ -80,7 +80,8 @@ fn foot(model: &Model, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     }
     if focuses.contains(&FormFocus::Reason) {
         let has = form.focus == FormFocus::Reason;
-        rows.push(label("Reason").and(field(pen, &form.reason, width.saturating_sub(9), has)));
+        let name = if form.intent == Intent::Note { "Note" } else { "Reason" };
+        rows.push(label(name).and(field(pen, &form.reason, width.saturating_sub(9), has)));
     }
     if let Some(problem) = &form.problem {
         let text = format!("{} {problem}", pen.look.glyph(Glyph::Warning));
