@@ -218,6 +218,35 @@ impl FailureSignal {
     ];
 }
 
+/// How a skill's confined code failed, as its host found it.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum CodeFault {
+    /// It trapped.
+    Trap,
+    /// A tick, or its start, needed more than its budget of fuel.
+    Fuel,
+    /// It asked for more memory than it declares.
+    Memory,
+    /// It refused to start, or what it answered is no command.
+    Answer,
+    /// It was computing for so long that the machine must be what stalls: nothing is said of the code.
+    Machine,
+}
+
+impl CodeFault {
+    /// All of them, in the order of the variants.
+    pub const ALL: [Self; 5] = [Self::Trap, Self::Fuel, Self::Memory, Self::Answer, Self::Machine];
+
+    /// Whether the fault is the machine's: the episode says nothing of the version.
+    #[must_use]
+    pub const fn is_infrastructure(self) -> bool {
+        matches!(self, Self::Machine)
+    }
+}
+
 /// What a skill may ask for in one tick. A setpoint stays in force until it is replaced.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]

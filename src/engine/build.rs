@@ -18,23 +18,27 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// What computes an episode, from the workspace's root.
-const COMPUTES: [&str; 9] = [
+const COMPUTES: [&str; 13] = [
     "Cargo.lock",
     "sim/assets",
     "sim/scenes",
     "sim/src",
     "src/body",
+    "src/compiled",
+    "src/component",
     "src/engine/trial",
     "src/engine/world",
     "src/governance",
     "src/runtime",
+    "src/sdk/wit",
+    "src/skill",
 ];
 
 /// What takes a candidate through the stages besides, from the workspace's root.
 const DECIDES: [&str; 4] = ["profiles", "src/approvals", "src/engine", "src/registry"];
 
 /// Endings of the files that count.
-const ENDINGS: [&str; 5] = ["rs", "toml", "urdf", "lock", "cedar"];
+const ENDINGS: [&str; 6] = ["rs", "toml", "urdf", "lock", "cedar", "wit"];
 
 fn main() -> io::Result<()> {
     let root = PathBuf::from(env("CARGO_MANIFEST_DIR")).join("../..");

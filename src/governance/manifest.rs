@@ -113,6 +113,10 @@ pub struct Permissions {
     pub resources: Resources,
 }
 
+/// Fuel of a component's confinement that stands for a microsecond of processor time. Fuel is counted by the code that is
+/// executed and not by a clock, so that the same code needs the same on every machine.
+pub const FUEL_PER_US: u64 = 1_000;
+
 /// Computing resources a version needs at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -127,6 +131,20 @@ pub struct Resources {
     /// Most commands other than holding in one task; left out, one a tick.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commands_per_task: Option<u32>,
+}
+
+impl Resources {
+    /// The fuel of one tick: what confined code is held to.
+    #[must_use]
+    pub fn fuel_per_tick(&self) -> u64 {
+        u64::from(self.cpu_us_per_tick) * FUEL_PER_US
+    }
+
+    /// The memory confined code is held to, bytes.
+    #[must_use]
+    pub fn memory_bytes(&self) -> u64 {
+        u64::from(self.memory_kib) * 1024
+    }
 }
 
 /// R: hooks, fallback and failure signals. A hook that is left out fails its drill.

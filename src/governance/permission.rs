@@ -3,8 +3,9 @@
 //! Owns the record of what was used and how it is held against part P of a manifest. Enforces nothing: the guard does,
 //! tick by tick.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
+use holdpoint_body::CodeFault;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +31,20 @@ pub struct PermissionsUsed {
     pub commands_max: u64,
     /// Commands refused and zones entered that part P does not declare, over all tasks.
     pub undeclared: u64,
+    /// The most fuel that a tick of confined code needed; 0 for code that is compiled in.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub fuel_tick_max: u64,
+    /// The most memory that confined code had, bytes; 0 for code that is compiled in.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub memory_max_bytes: u64,
+    /// How its code failed, and in how many tasks.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub faults: BTreeMap<CodeFault, u64>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl PermissionsUsed {
@@ -42,6 +57,21 @@ impl PermissionsUsed {
         self.ticks_max = self.ticks_max.max(other.ticks_max);
         self.commands_max = self.commands_max.max(other.commands_max);
         self.undeclared = self.undeclared.saturating_add(other.undeclared);
+        self.fuel_tick_max = self.fuel_tick_max.max(other.fuel_tick_max);
+        self.memory_max_bytes = self.memory_max_bytes.max(other.memory_max_bytes);
+        for (fault, tasks) in &other.faults {
+            let known = self.faults.entry(*fault).or_default();
+            *known = known.saturating_add(*tasks);
+        }
+    }
+
+    /// Takes in what confined code used in one task, and how it failed.
+    pub fn note_confined(&mut self, fuel_tick_max: u64, memory_bytes: u64, fault: Option<CodeFault>) {
+        self.fuel_tick_max = self.fuel_tick_max.max(fuel_tick_max);
+        self.memory_max_bytes = self.memory_max_bytes.max(memory_bytes);
+        if let Some(fault) = fault {
+            *self.faults.entry(fault).or_default() += 1;
+        }
     }
 }
 
@@ -103,6 +133,9 @@ impl PermissionUse {
                 exceeded.push(format!("{what} {value} of {limit}"));
             }
         }
+        for (fault, failed) in &used.faults {
+            exceeded.push(format!("{} in {failed} of {tasks} tasks", fault_words(*fault)));
+        }
         let (sensors_read, tools_read) = (code.sensors.clone(), code.tools.clone());
         exceeded.extend(sensors_read.difference(&declared.sensors).map(|sensor| format!("sensor {sensor}")));
         exceeded.extend(tools_read.difference(&declared.tools).map(|tool| format!("tool {tool}")));
@@ -152,6 +185,16 @@ impl PermissionUse {
                 used.commands_max,
             ),
         ];
+        if used.fuel_tick_max > 0 || used.memory_max_bytes > 0 {
+            let resources = &declared.resources;
+            lines.push(format!(
+                "confined: at most {} of {} fuel a tick; memory {} of {} KiB",
+                used.fuel_tick_max,
+                resources.fuel_per_tick(),
+                used.memory_max_bytes.div_ceil(1024),
+                resources.memory_kib,
+            ));
+        }
         if !self.exceeded.is_empty() {
             lines.push(format!("beyond its declaration: {}", self.exceeded.join(", ")));
         }
@@ -159,5 +202,17 @@ impl PermissionUse {
             lines.push(format!("declared and not used: {}", self.unused.join(", ")));
         }
         lines
+    }
+}
+
+/// How confined code failed, in words.
+#[must_use]
+pub const fn fault_words(fault: CodeFault) -> &'static str {
+    match fault {
+        CodeFault::Trap => "its code traps",
+        CodeFault::Fuel => "its code computes beyond its budget",
+        CodeFault::Memory => "its code asks for more memory than declared",
+        CodeFault::Answer => "its code refuses to start or answers what is no command",
+        CodeFault::Machine => "the machine stalled",
     }
 }

@@ -7,7 +7,7 @@ use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord};
 
 use super::arm::ActuatorHandle;
 use super::guard::{Guard, PolicyHit};
-use super::skill::Skill;
+use super::skill::{Skill, ask};
 
 /// How long a predecessor may take to its first command, ticks.
 const READY_TICKS: u64 = RATE_HZ as u64;
@@ -33,7 +33,7 @@ pub fn ready<B: Body>(
     for tick in 1..=READY_TICKS {
         let observation = handle.observe(verdict);
         let seen = handle.telemetry();
-        let asked = skill.tick(&observation);
+        let asked = ask(skill, &observation)?;
         handle.step(&Command::Hold)?;
         if asked == Command::Hold {
             continue;

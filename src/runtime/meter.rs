@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use holdpoint_body::{Command, Observation, RATE_HZ};
 
-use super::skill::{Hook, Skill};
+use super::skill::{Confined, Hook, Skill};
 
 /// Ticks that are looked at together: one second.
 const WINDOW_TICKS: u32 = RATE_HZ;
@@ -77,6 +77,10 @@ impl Skill for Timed {
 
     fn fork(&self) -> Option<Box<dyn Skill>> {
         Some(Box::new(Self { skill: self.skill.fork()?, meter: Arc::clone(&self.meter) }))
+    }
+
+    fn confined(&self) -> Confined {
+        self.skill.confined()
     }
 }
 

@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 use super::arm::ActuatorHandle;
 use super::guard::{Guard, PolicyHit};
-use super::skill::{Hook, Skill};
+use super::skill::{Hook, Skill, ask};
 use super::watcher::Watcher;
 use holdpoint_body::Body;
 
@@ -143,13 +143,18 @@ impl AbortRun {
         guard: &mut Guard,
         watcher: &mut Watcher,
     ) -> Result<Option<RecoveryReport>, BodyError> {
-        let (tick, give_up) = (self.tick, self.hook_ticks + INTERRUPT_TICKS);
+        let tick = self.tick;
+        if skill.confined().fault.is_some() {
+            // A hook whose code has failed is not waited for.
+            self.hook_ticks = self.hook_ticks.min(tick);
+        }
+        let give_up = self.hook_ticks + INTERRUPT_TICKS;
         if tick == self.hook_ticks {
             handle.interrupt(Interrupt::Stop);
         }
         let seen = handle.observe(self.verdict);
         let before = handle.telemetry();
-        let checked = guard.check(&skill.tick(&seen), &before);
+        let checked = guard.check(&ask(skill, &seen)?, &before);
         self.verdict = checked.verdict;
         if let Some(hit) = checked.hit.filter(|hit| hit.hard_stop().is_some()) {
             self.report.violation.get_or_insert(hit);

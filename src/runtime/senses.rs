@@ -7,7 +7,7 @@ use holdpoint_body::{Command, Observation, Pose, Twist};
 use holdpoint_governance::manifest::Permissions;
 use holdpoint_governance::mode::{Sensor, Tool};
 
-use super::skill::{Hook, Skill};
+use super::skill::{Confined, Hook, Skill};
 
 /// Which parts of an observation are delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +38,7 @@ impl Senses {
     #[must_use]
     pub fn confine(self, skill: Box<dyn Skill>) -> Box<dyn Skill> {
         // Nothing is withheld, so nothing has to be copied.
-        if self.are_all() { skill } else { Box::new(Confined { senses: self, skill }) }
+        if self.are_all() { skill } else { Box::new(Withheld { senses: self, skill }) }
     }
 
     fn withhold(self, seen: &mut Observation) {
@@ -66,12 +66,12 @@ impl Senses {
 }
 
 /// A run behind its manifest's declaration.
-struct Confined {
+struct Withheld {
     senses: Senses,
     skill: Box<dyn Skill>,
 }
 
-impl Skill for Confined {
+impl Skill for Withheld {
     fn tick(&mut self, seen: &Observation) -> Command {
         let mut delivered = seen.clone();
         self.senses.withhold(&mut delivered);
@@ -84,6 +84,10 @@ impl Skill for Confined {
 
     fn fork(&self) -> Option<Box<dyn Skill>> {
         Some(Box::new(Self { senses: self.senses, skill: self.skill.fork()? }))
+    }
+
+    fn confined(&self) -> Confined {
+        self.skill.confined()
     }
 }
 

@@ -11,7 +11,9 @@ mod senses;
 pub use run::{TaskRun, TaskStage};
 
 use holdpoint_body::BodyError;
-use holdpoint_body::{Command, FailureSignal, Observation, RATE_HZ, TICK_SECS, TaskKind, Telemetry};
+use holdpoint_body::{
+    CodeFault, Command, FailureSignal, Observation, RATE_HZ, TICK_SECS, TaskKind, Telemetry,
+};
 use serde::{Deserialize, Serialize};
 
 use super::arm::ActuatorHandle;
@@ -19,7 +21,7 @@ use super::guard::{Guard, PolicyHit};
 use super::harm::HarmMeter;
 use super::limits::WatchLimits;
 use super::recovery::RecoveryReport;
-use super::skill::Skill;
+use super::skill::{Confined, Skill};
 use super::watcher::{Raised, Watcher, WatcherSignal};
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
@@ -95,6 +97,9 @@ pub struct TaskRecord {
     pub signals: Vec<Raised>,
     /// What the skill declared.
     pub declared: Option<FailureSignal>,
+    /// How its code failed; the recovery manager took over.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fault: Option<CodeFault>,
     /// What the recovery did.
     pub recovered: Option<RecoveryReport>,
     /// Motion after a demanded stop, ms.
@@ -183,6 +188,7 @@ impl TaskRecord {
             hits: Vec::new(),
             signals: Vec::new(),
             declared: None,
+            fault: None,
             recovered: None,
             unsafe_continuation_ms: 0,
             hard_stop: None,
@@ -328,11 +334,20 @@ fn measure_tick(
     (raised, measured)
 }
 
-fn close(record: &mut TaskRecord, watcher: &Watcher, attempts: &AttemptCounter, guard: &Guard, tick: u64) {
+fn close(
+    record: &mut TaskRecord,
+    watcher: &Watcher,
+    attempts: &AttemptCounter,
+    (guard, confined): (&Guard, Confined),
+    tick: u64,
+) {
     record.signals = watcher.raised().to_vec();
-    // Whoever runs out of time does not know how it stands with its work.
-    record.anomaly = record.timeout || record.signals.iter().any(|raised| raised.signal.is_anomaly());
+    // Whoever runs out of time, or whose code fails, does not know how it stands with its work.
+    record.anomaly = record.timeout
+        || record.fault.is_some()
+        || record.signals.iter().any(|raised| raised.signal.is_anomaly());
     record.used = guard.used();
+    record.used.note_confined(confined.fuel_tick_max, confined.memory_bytes, confined.fault);
     record.retries = attempts.retries();
     record.time_secs = tick_secs(tick);
 }

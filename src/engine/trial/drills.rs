@@ -28,7 +28,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::handover;
 use holdpoint_runtime::recovery::{AbortRun, Standstill, StoppedBy};
-use holdpoint_runtime::skill::{Hook, Skill};
+use holdpoint_runtime::skill::{Hook, Skill, ask};
 use holdpoint_runtime::task::{Supervision, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::{Watcher, WatcherSignal};
@@ -303,7 +303,7 @@ impl StartedDrill<'_, '_> {
         let mut seen = handle.telemetry();
         for _ in 0..self.terms.detect_ticks {
             let observation = handle.observe(verdict);
-            let asked = skill.tick(&observation);
+            let asked = ask(skill, &observation)?;
             if let Command::Fail { signal } = &asked {
                 return Ok(declared.contains(signal));
             }
@@ -331,7 +331,7 @@ impl StartedDrill<'_, '_> {
         for _ in 0..HANDOVER_TICKS {
             let mut handle = self.arm.handle();
             let observation = handle.observe(verdict);
-            let asked = skill.tick(&observation);
+            let asked = ask(skill, &observation)?;
             let checked = self.guard.check(&asked, &seen);
             verdict = checked.verdict;
             handle.step(&checked.command)?;

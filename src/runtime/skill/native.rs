@@ -4,13 +4,6 @@
 //! make a [`NativeBundle`]. What a controller offers is told by its code and its parameters here,
 //! never read from the manifest.
 
-pub mod align;
-pub mod grasp;
-pub mod motion;
-pub mod park;
-pub mod phases;
-pub mod place;
-
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,14 +11,15 @@ use holdpoint_body::{Command, Estimate, FailureSignal, Observation, Pose, TaskKi
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use self::motion::{AbortStyle, RollbackStyle};
-use self::phases::Runner;
 use super::{Hook, Skill, SkillBundle};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, Tool};
 use holdpoint_governance::text_error::{self, TextError};
 use holdpoint_governance::value_type::{FieldSpec, Frame, Unit, ValueKind};
+use holdpoint_skill::motion::{AbortStyle, RollbackStyle};
+use holdpoint_skill::phases::Runner;
+use holdpoint_skill::{align, grasp, park, place};
 use holdpoint_text::Hint;
 
 /// The largest parameter file, bytes.

@@ -3,7 +3,7 @@
 //! Owns everything of a task but the body: the skill, its guard, the watcher, what was counted and what was
 //! recorded. Who copies the body too has the same task twice (see [`TaskRun::fork`]).
 
-use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Observation, Telemetry};
+use holdpoint_body::{Body, BodyError, CodeFault, Command, GuardVerdict, Observation, Telemetry};
 use holdpoint_governance::evidence::HardStop;
 
 use super::senses::SensesMeter;
@@ -15,7 +15,7 @@ use crate::arm::ActuatorHandle;
 use crate::guard::{Checked, Guard, PolicyHit};
 use crate::harm::HarmMeter;
 use crate::recovery::{AbortRun, RecoveryReport, StoppedBy};
-use crate::skill::Skill;
+use crate::skill::{Skill, ask};
 use crate::watcher::Watcher;
 
 /// What a task is at.
@@ -161,7 +161,7 @@ impl TaskRun {
         first: &mut Self,
         second: &mut Self,
     ) -> Result<(), BodyError> {
-        while let (Some(one), Some(other)) = (first.ask(handle), second.ask(handle)) {
+        while let (Some(one), Some(other)) = (first.ask(handle)?, second.ask(handle)?) {
             if !is_same(&one, &other) {
                 break;
             }
@@ -201,7 +201,7 @@ impl TaskRun {
         handle: &mut ActuatorHandle<'_, B>,
         supervise: &mut Supervisor<'_, B>,
     ) -> Result<TaskStage, BodyError> {
-        if let Some(command) = self.ask(handle) {
+        if let Some(command) = self.ask(handle)? {
             handle.step(&command)?;
             self.take_in(handle, supervise);
         } else if let Stage::Recovering(abort) = &mut self.progress.stage {
@@ -221,10 +221,13 @@ impl TaskRun {
 
     /// What it wants of the body in this tick, asked once: until [`TaskRun::take_in`] the answer stays the same.
     /// `None` while it recovers, which it does by itself in [`TaskRun::tick`], and when it is over.
-    fn ask<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Option<Command> {
-        match self.progress.stage {
+    fn ask<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Result<Option<Command>, BodyError> {
+        Ok(match self.progress.stage {
             Stage::Working => {
-                let decision = self.progress.decision.take().unwrap_or_else(|| self.decide(handle));
+                let decision = match self.progress.decision.take() {
+                    Some(decision) => decision,
+                    None => self.decide(handle)?,
+                };
                 let command = decision.checked.command.clone();
                 self.progress.decision = Some(decision);
                 Some(command)
@@ -235,7 +238,7 @@ impl TaskRun {
                 Some(Command::Hold)
             }
             Stage::Recovering(_) | Stage::Over => None,
-        }
+        })
     }
 
     /// What came of the tick that was asked for.
@@ -264,7 +267,7 @@ impl TaskRun {
         supervise: &mut Supervisor<'_, B>,
     ) {
         let NextMove { observation, asked, checked, exhausted } = decision;
-        let Self { terms, guard, progress: p, .. } = self;
+        let Self { terms, skill, guard, progress: p } = self;
         let seen = handle.telemetry();
         p.tick += 1;
         let (raised, measured) =
@@ -287,7 +290,8 @@ impl TaskRun {
         let stopped = called.stops();
         p.seen = Some(seen);
         let done = asked == Command::Done;
-        let mut wants_recovery = exhausted || stopped || measured.is_some();
+        p.record.fault = skill.confined().fault;
+        let mut wants_recovery = exhausted || stopped || measured.is_some() || p.record.fault.is_some();
         if let Command::Fail { signal } = asked {
             p.record.declared = Some(signal);
             wants_recovery = true;
@@ -300,11 +304,16 @@ impl TaskRun {
     }
 
     /// What the skill wants in this tick, as the guard lets it pass.
-    fn decide<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> NextMove {
+    fn decide<B: Body>(&mut self, handle: &mut ActuatorHandle<'_, B>) -> Result<NextMove, BodyError> {
         let Self { skill, guard, progress: p, .. } = self;
         let seen = p.seen.take().unwrap_or_else(|| handle.telemetry());
         let observation = handle.observe(p.verdict);
-        let asked = skill.tick(&observation);
+        let mut asked = ask(skill.as_mut(), &observation)?;
+        let fault = skill.confined().fault;
+        if fault.is_some() {
+            // What stands there is no word of the skill's.
+            asked = Command::Stop;
+        }
         let collides = p.tick.is_multiple_of(4) && guard.predicts_collision(&seen);
         let checked = if collides {
             Checked {
@@ -320,6 +329,9 @@ impl TaskRun {
         if let Some(hit) = checked.hit {
             note_hit(&mut p.record, p.tick, hit);
         }
+        if matches!(fault, Some(CodeFault::Fuel | CodeFault::Memory)) {
+            note_hit(&mut p.record, p.tick, PolicyHit::BudgetExceeded);
+        }
         p.denials = if checked.verdict == GuardVerdict::Denied { p.denials + 1 } else { 0 };
         p.attempts.note(&checked.command, &seen);
         let exhausted = p.attempts.retries() > guard.envelope().retries_max;
@@ -327,7 +339,7 @@ impl TaskRun {
             note_hit(&mut p.record, p.tick, PolicyHit::RetriesExceeded);
         }
         p.watcher.note_command(&checked.command, &seen);
-        NextMove { observation, asked, checked, exhausted }
+        Ok(NextMove { observation, asked, checked, exhausted })
     }
 
     /// The skill has had its last word.
@@ -399,7 +411,10 @@ impl TaskRun {
 
     fn end(&mut self) {
         let p = &mut self.progress;
-        close(&mut p.record, &p.watcher, &p.attempts, &self.guard, p.tick);
+        let confined = self.skill.confined();
+        // Also where it failed in its hook, after its last word.
+        p.record.fault = confined.fault;
+        close(&mut p.record, &p.watcher, &p.attempts, (&self.guard, confined), p.tick);
         p.record.sensed = p.senses.values();
         p.record.harm = Some(p.harm.measures());
         p.stage = Stage::Over;

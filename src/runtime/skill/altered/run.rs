@@ -6,7 +6,7 @@ use std::sync::Arc;
 use holdpoint_body::{Command, Observation};
 
 use super::{Alteration, AlteredHook, Deed, Input, Output, When};
-use crate::skill::{Hook, Skill};
+use crate::skill::{Confined, Hook, Skill};
 use holdpoint_governance::ids::Digest;
 
 /// What an alteration remembers of the run so far.
@@ -128,6 +128,10 @@ impl Skill for AlteredRun {
             tick: self.tick,
             deed: self.deed,
         }))
+    }
+
+    fn confined(&self) -> Confined {
+        self.inner.confined()
     }
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::skill::Hook;
+use crate::Hook;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Below this pad distance the hand is empty, m.

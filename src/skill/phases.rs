@@ -5,7 +5,7 @@
 use holdpoint_body::{Command, FailureSignal, Observation, Pose};
 
 use super::motion::{AbortStyle, HookRun, RollbackStyle, ticks};
-use crate::skill::{Hook, Skill};
+use crate::{Hook, Skill};
 
 /// What a controller's parameters say of the frame around its phases.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::motion::{AbortStyle, HookRun, RollbackStyle, arrived, at_height, ticks};
-use crate::skill::{Hook, Skill};
+use crate::{Hook, Skill};
 
 /// Everything a version of the park controller may set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
