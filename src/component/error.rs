@@ -1,0 +1,222 @@
+//! Why a component cannot be taken in: one clear error each.
+
+use std::borrow::Cow;
+
+use holdpoint_text::{Hint, Untrusted};
+
+use crate::{COMPONENT_BYTES_MAX, INTERFACE_BYTES_MAX, PARAMETERS_MAX, SKILL};
+
+/// Which call into a component an error is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Call {
+    /// Its instance is made; a start function of its modules runs.
+    Instantiate,
+    /// It says what it offers and needs.
+    Describe,
+}
+
+impl std::fmt::Display for Call {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Instantiate => "its instance is made",
+            Self::Describe => "`describe` is called",
+        })
+    }
+}
+
+/// Why a component could not be loaded. Texts of the component are in it made safe to print.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ComponentError {
+    /// Not WebAssembly at all.
+    #[error(
+        "the file is no WebAssembly: it begins with {begins}, a component begins with 00 61 73 6d 0d 00 01 00"
+    )]
+    NotWasm {
+        /// Its first bytes in hexadecimal.
+        begins: String,
+    },
+    /// A core module.
+    #[error("the file is a WebAssembly core module, and a component is needed")]
+    CoreModule,
+    /// Larger than allowed.
+    #[error("the component has {bytes} bytes, too many: {COMPONENT_BYTES_MAX} are allowed")]
+    TooLarge {
+        /// How many it has.
+        bytes: usize,
+    },
+    /// WebAssembly says that it is none, or it uses what is switched off.
+    #[error("the component is not valid: {reason}")]
+    Invalid {
+        /// What the compiler says.
+        reason: String,
+    },
+    /// An export is missing.
+    #[error("the component does not export {name}")]
+    NoExport {
+        /// Which one.
+        name: String,
+    },
+    /// An export has another type.
+    #[error("the component's export {name} has another type than the WIT says: {reason}")]
+    ExportType {
+        /// Which one.
+        name: String,
+        /// What differs.
+        reason: String,
+    },
+    /// Something is imported that no component is given.
+    #[error("the component imports {name}; it may import wasi:*@0.2 and nothing else")]
+    Import {
+        /// What it is.
+        name: String,
+    },
+    /// A package is imported that the manifest does not list.
+    #[error("the component imports {name}, and its manifest does not list the package {package}")]
+    Undeclared {
+        /// The interface it imports.
+        name: String,
+        /// Its package, as it is listed.
+        package: String,
+    },
+    /// An import has another type than WASI 0.2 says.
+    #[error("the component's imports are not those of WASI 0.2: {reason}")]
+    ImportType {
+        /// What differs.
+        reason: String,
+    },
+    /// The parameter file has too many values.
+    #[error("the parameters are {count} values, too many: {PARAMETERS_MAX} are allowed")]
+    Parameters {
+        /// How many there are.
+        count: usize,
+    },
+    /// A parameter is neither number, flag nor text.
+    #[error(
+        "the parameter {name} is {kind}; a component takes numbers, flags, texts, and tables and arrays of them"
+    )]
+    Parameter {
+        /// Its dotted name.
+        name: String,
+        /// What it is.
+        kind: &'static str,
+    },
+    /// The code trapped.
+    #[error("the component trapped while {call}: {reason}")]
+    Trapped {
+        /// In which call.
+        call: Call,
+        /// What the trap was.
+        reason: String,
+    },
+    /// It needed more fuel than it has.
+    #[error("the component needs more than its budget while {call}: {fuel} of fuel, {ticks} times a tick's")]
+    Fuel {
+        /// In which call.
+        call: Call,
+        /// The budget.
+        fuel: u64,
+        /// How many ticks' budgets that is.
+        ticks: u64,
+    },
+    /// It asked for more memory or table than it declares.
+    #[error(
+        "the component asks for more memory or table than it may have while {call}: {memory_bytes} bytes of memory are declared"
+    )]
+    Memory {
+        /// In which call.
+        call: Call,
+        /// What is declared.
+        memory_bytes: u64,
+    },
+    /// What `describe` gave cannot be read.
+    #[error("what the component's `describe` gave cannot be read: {reason}")]
+    Answer {
+        /// Why not.
+        reason: String,
+    },
+    /// `describe` gave an error.
+    #[error("the component's `describe` refuses its parameters: {reason}")]
+    Refused {
+        /// What it says.
+        reason: String,
+    },
+    /// The interface is too long.
+    #[error(
+        "the interface that the component describes has {bytes} bytes, too many: {INTERFACE_BYTES_MAX} are allowed"
+    )]
+    InterfaceSize {
+        /// How many it has.
+        bytes: usize,
+    },
+    /// The interface is none.
+    #[error("the interface that the component describes is none: {reason}")]
+    Interface {
+        /// What the parser says.
+        reason: String,
+    },
+    /// The machine stood still; nothing is known of the component.
+    #[error("the machine took too long while {call}: nothing is known of the component")]
+    Machine {
+        /// In which call.
+        call: Call,
+    },
+    /// This process cannot run components.
+    #[error("components cannot be run here: {reason}")]
+    Engine {
+        /// Why not.
+        reason: String,
+    },
+    /// A value has no canonical form.
+    #[error("the parameters have no canonical form: {reason}")]
+    Canonical {
+        /// What has none.
+        reason: String,
+    },
+}
+
+impl Hint for ComponentError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        Some(match self {
+            Self::NotWasm { .. } | Self::CoreModule => {
+                "`holdpoint skill build` makes a component of your code".into()
+            }
+            Self::TooLarge { .. } => "build it for size and without debug information".into(),
+            Self::NoExport { .. } | Self::ExportType { .. } => {
+                format!("the interface {SKILL} is in src/sdk/wit/skill.wit").into()
+            }
+            Self::Undeclared { package, .. } => {
+                format!("add \"{package}\" to `deployment.imports` in manifest.toml, or build without it")
+                    .into()
+            }
+            Self::Import { .. } => "build it for WASI 0.2, or without imports".into(),
+            Self::Fuel { .. } => "raise `permissions.resources.cpu_us_per_tick`, or do less there".into(),
+            Self::Memory { .. } => "raise `permissions.resources.memory_kib`, or ask for less".into(),
+            Self::Machine { .. } => "try again when the machine is less busy".into(),
+            Self::Interface { .. } => {
+                "it is JSON with the fields that `description.interface` in the WIT names, and no others"
+                    .into()
+            }
+            Self::Invalid { .. }
+            | Self::ImportType { .. }
+            | Self::Parameters { .. }
+            | Self::Parameter { .. }
+            | Self::Trapped { .. }
+            | Self::Answer { .. }
+            | Self::Refused { .. }
+            | Self::InterfaceSize { .. }
+            | Self::Engine { .. }
+            | Self::Canonical { .. } => return None,
+        })
+    }
+}
+
+/// A text of the component or about it, on one line and safe to print.
+pub(crate) fn line(text: impl Into<String>) -> String {
+    Untrusted::new(text).line().into_string()
+}
+
+/// What wasmtime says, with its reasons, on one line and safe to print.
+pub(crate) fn reason(error: &wasmtime::Error) -> String {
+    let chain: Vec<String> = error.chain().map(ToString::to_string).collect();
+    line(chain.join(": "))
+}

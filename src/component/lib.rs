@@ -1,0 +1,76 @@
+//! A skill that is a WebAssembly component, confined.
+//!
+//! A component is given what its calls bring and nothing else (`src/sdk/wit/skill.wit`); whatever its code does is an answer,
+//! a measured fault, or nothing. [`Component::load`] holds it against the contract and asks it what it offers and needs;
+//! [`Component::start`] begins one run: one store, one instance, one task.
+//!
+//! What bounds a run:
+//!
+//! - **Fuel** decides, and equal runs burn equal fuel: a tick has the budget of its manifest, set anew each time. The calls around a
+//!   task have a multiple of it, [`START_TICKS`] and [`ENTER_TICKS`].
+//! - **A clock** of seconds beside it: a call that meets it was held up by the machine. It voids the episode and says nothing of
+//!   the code.
+//! - **Memory** as the manifest declares it, of all memories of the instance together; asking for more ends the run.
+//! - **The world outside** is WASI 0.2 in an empty form that is the same for every run of one seed (`host.rs`).
+//!
+//! After a fault the code is not called again and the run answers [`holdpoint_body::Command::Hold`]: whoever works it sees the fault
+//! in `confined()` and brings the arm to a stop by itself.
+
+mod error;
+mod host;
+mod load;
+mod machine;
+mod parameters;
+mod run;
+mod wit;
+
+use holdpoint_governance::manifest::Resources;
+
+pub use error::{Call, ComponentError};
+pub use holdpoint_compiled::Origin;
+pub use host::LOG_BYTES_MAX;
+pub use load::Component;
+pub use machine::keep_compiled_in;
+pub use parameters::PARAMETERS_MAX;
+pub use run::Run;
+
+/// The most bytes of a component.
+pub const COMPONENT_BYTES_MAX: usize = 2 << 20;
+
+/// The most bytes of the interface that a component describes.
+pub const INTERFACE_BYTES_MAX: usize = 64 << 10;
+
+/// The most bytes of a run's saved state.
+pub const STATE_BYTES_MAX: usize = 1 << 20;
+
+/// Ticks' budgets that each of instantiation, `describe`, `start`, `save` and `restore` has: one second of them.
+pub const START_TICKS: u64 = holdpoint_body::RATE_HZ as u64;
+
+/// Ticks' budgets that `enter` has: the arm is moving when it is called.
+pub const ENTER_TICKS: u64 = 2;
+
+/// The interface that a component exports.
+const SKILL: &str = "holdpoint:skill/skill@1.0.0";
+
+/// The interface that it may export.
+const STATE: &str = "holdpoint:skill/state@1.0.0";
+
+/// The interface of their messages: it has types alone, and components name it as an import.
+const TYPES: &str = "holdpoint:skill/types@1.0.0";
+
+/// What a run may use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ComponentLimits {
+    /// Fuel of one tick.
+    pub fuel_per_tick: u64,
+    /// All memories of the instance together, bytes.
+    pub memory_bytes: u64,
+}
+
+impl ComponentLimits {
+    /// What a manifest's `permissions.resources` come to.
+    #[must_use]
+    pub fn of(resources: &Resources) -> Self {
+        Self { fuel_per_tick: resources.fuel_per_tick(), memory_bytes: resources.memory_bytes() }
+    }
+}

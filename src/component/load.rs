@@ -1,0 +1,284 @@
+//! From bytes to a component that is known to keep the contract.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use serde_json::Value;
+use wasmtime::Engine;
+use wasmtime::component::types::{ComponentFunc, ComponentItem};
+use wasmtime::component::{InstancePre, types::Component as ComponentType};
+
+use holdpoint_body::{CodeFault, TaskKind};
+use holdpoint_compiled::Origin;
+use holdpoint_governance::exports::Interface;
+use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_skill::Skill;
+
+use crate::error::{Call, ComponentError, line, reason};
+use crate::host::{self, Host, Outside};
+use crate::machine::Machine;
+use crate::parameters;
+use crate::run::{Ended, Live, Run};
+use crate::wit::{self, skill, state, types};
+use crate::{COMPONENT_BYTES_MAX, ComponentLimits, INTERFACE_BYTES_MAX, SKILL, START_TICKS, STATE, TYPES};
+
+/// What a source compiles to, whatever its parameters and limits.
+pub struct Compiled {
+    pub pre: InstancePre<Host>,
+    pub skill: skill::GuestIndices,
+    pub state: Option<state::GuestIndices>,
+    imports: BTreeSet<String>,
+    origin: Origin,
+}
+
+/// What is the same for every run.
+pub struct Loaded {
+    pub compiled: Arc<Compiled>,
+    pub parameters: Vec<types::Parameter>,
+    pub limits: ComponentLimits,
+    digest: Digest,
+    interface: Interface,
+    task: TaskKind,
+}
+
+/// A skill that is a WebAssembly component: loaded, held against the contract, and running nowhere. Copies are one.
+#[derive(Clone)]
+pub struct Component(Arc<Loaded>);
+
+impl std::fmt::Debug for Component {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Component").field("digest", &self.0.digest).finish_non_exhaustive()
+    }
+}
+
+/// The package of an interface's name: `wasi:clocks` of `wasi:clocks/wall-clock@0.2.3`.
+fn package(name: &str) -> &str {
+    name.split('/').next().unwrap_or(name)
+}
+
+/// Whether a name is one of WASI 0.2.
+fn is_wasi(name: &str) -> bool {
+    name.starts_with("wasi:")
+        && name.split_once('@').is_some_and(|(_, version)| version == "0.2" || version.starts_with("0.2."))
+}
+
+impl Compiled {
+    /// Holds what a component imports and exports against the contract.
+    pub(crate) fn new(
+        engine: &Engine,
+        component: &wasmtime::component::Component,
+        origin: Origin,
+    ) -> Result<Self, ComponentError> {
+        let ty = component.component_type();
+        let imports = imported(engine, &ty)?;
+        let linker = host::linker(engine, component)
+            .map_err(|error| ComponentError::ImportType { reason: reason(&error) })?;
+        exported(engine, &ty)?;
+        let pre = linker
+            .instantiate_pre(component)
+            .map_err(|error| ComponentError::ImportType { reason: reason(&error) })?;
+        let missing = |name: &'static str| {
+            move |error| ComponentError::ExportType { name: name.to_owned(), reason: reason(&error) }
+        };
+        let skill = skill::GuestIndices::new(&pre).map_err(missing(SKILL))?;
+        let state = match ty.get_export(engine, STATE) {
+            Some(_) => Some(state::GuestIndices::new(&pre).map_err(missing(STATE))?),
+            None => None,
+        };
+        Ok(Self { pre, skill, state, imports, origin })
+    }
+}
+
+/// The interfaces that a component imports; only those of WASI, and types of the contract, are allowed.
+fn imported(engine: &Engine, ty: &ComponentType) -> Result<BTreeSet<String>, ComponentError> {
+    let mut imports = BTreeSet::new();
+    for (name, import) in ty.imports(engine) {
+        let refused = || ComponentError::Import { name: line(name) };
+        let ComponentItem::ComponentInstance(interface) = &import.ty else { return Err(refused()) };
+        let mut items = interface.exports(engine);
+        if name == TYPES && items.all(|(_, item)| matches!(item.ty, ComponentItem::Type(_))) {
+            continue;
+        }
+        if !is_wasi(name) {
+            return Err(refused());
+        }
+        imports.insert(name.to_owned());
+    }
+    Ok(imports)
+}
+
+/// Holds the exports against the contract, one by one, so that the first that is not so is named.
+fn exported(engine: &Engine, ty: &ComponentType) -> Result<(), ComponentError> {
+    type Check =
+        fn(&ComponentFunc, &wasmtime::component::__internal::InstanceType<'_>) -> wasmtime::Result<()>;
+    let cx = ty.instance_type();
+    let hold = |interface: &str, functions: &[(&str, Check)]| {
+        let missing = |name: String| ComponentError::NoExport { name };
+        let Some(export) = ty.get_export(engine, interface) else {
+            return Err(missing(interface.to_owned()));
+        };
+        let other = |name: String, reason: String| ComponentError::ExportType { name, reason };
+        let ComponentItem::ComponentInstance(instance) = export.ty else {
+            return Err(other(interface.to_owned(), "it is no interface".to_owned()));
+        };
+        for (function, check) in functions {
+            let name = format!("{interface}#{function}");
+            match instance.get_export(engine, function).map(|export| export.ty) {
+                None => return Err(missing(name)),
+                Some(ComponentItem::ComponentFunc(found)) => {
+                    check(&found, &cx).map_err(|error| other(name, reason(&error)))?;
+                }
+                Some(_) => return Err(other(name, "it is no function".to_owned())),
+            }
+        }
+        Ok(())
+    };
+    hold(
+        SKILL,
+        &[
+            ("describe", |f, cx| {
+                f.typecheck::<(&[types::Parameter],), (Result<types::Description, String>,)>(cx)
+            }),
+            ("start", |f, cx| f.typecheck::<(u64, &[types::Parameter]), (Result<(), String>,)>(cx)),
+            ("tick", |f, cx| f.typecheck::<(&types::Observation,), (types::Command,)>(cx)),
+            ("enter", |f, cx| f.typecheck::<(types::Hook,), ()>(cx)),
+        ],
+    )?;
+    if ty.get_export(engine, STATE).is_some() {
+        hold(
+            STATE,
+            &[
+                ("save", |f, cx| f.typecheck::<(), (Vec<u8>,)>(cx)),
+                ("restore", |f, cx| f.typecheck::<(&[u8],), (Result<(), String>,)>(cx)),
+            ],
+        )?;
+    }
+    Ok(())
+}
+
+/// Whether the bytes begin like a component's.
+fn begins(bytes: &[u8]) -> Result<(), ComponentError> {
+    match bytes {
+        [0, b'a', b's', b'm', 0x0d, 0, 1, 0, ..] => Ok(()),
+        [0, b'a', b's', b'm', 1, 0, 0, 0, ..] => Err(ComponentError::CoreModule),
+        _ => {
+            let begins: Vec<String> = bytes.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+            let begins = if begins.is_empty() { "nothing".to_owned() } else { begins.join(" ") };
+            Err(ComponentError::NotWasm { begins })
+        }
+    }
+}
+
+impl Component {
+    /// Loads a component and asks it what it offers and needs. `parameters` is the value of its parameter file, null if it has none;
+    /// `imports` are the packages that its manifest lets it import, e.g. `wasi:clocks`.
+    ///
+    /// # Errors
+    /// One for each way in which the bytes are no skill, see [`ComponentError`].
+    pub fn load(
+        bytes: &[u8],
+        parameters: &Value,
+        limits: ComponentLimits,
+        imports: &BTreeSet<String>,
+    ) -> Result<Self, ComponentError> {
+        if bytes.len() > COMPONENT_BYTES_MAX {
+            return Err(ComponentError::TooLarge { bytes: bytes.len() });
+        }
+        begins(bytes)?;
+        let canonical = canonical_json(parameters)
+            .map_err(|error| ComponentError::Canonical { reason: line(error.to_string()) })?;
+        let parameters = parameters::flat(parameters)?;
+        let compiled = Machine::get()?.compiled(bytes)?;
+        let undeclared = compiled.imports.iter().find(|name| !imports.contains(package(name)));
+        if let Some(name) = undeclared {
+            return Err(ComponentError::Undeclared {
+                name: line(name.clone()),
+                package: line(package(name)),
+            });
+        }
+        let digest = Digest::of_parts(
+            "holdpoint.component.v1",
+            &[
+                bytes,
+                canonical.as_bytes(),
+                &limits.fuel_per_tick.to_le_bytes(),
+                &limits.memory_bytes.to_le_bytes(),
+            ],
+        );
+        let (task, interface) = describe(&compiled, &parameters, limits)?;
+        Ok(Self(Arc::new(Loaded { compiled, parameters, limits, digest, interface, task })))
+    }
+}
+
+impl Component {
+    /// Over all that determines the behaviour: source, parameters and limits.
+    #[must_use]
+    pub fn digest(&self) -> Digest {
+        self.0.digest
+    }
+
+    /// What the code says it offers and needs.
+    #[must_use]
+    pub fn interface(&self) -> &Interface {
+        &self.0.interface
+    }
+
+    /// The primitive the code performs.
+    #[must_use]
+    pub fn task(&self) -> TaskKind {
+        self.0.task
+    }
+
+    /// The interfaces of WASI that the code imports, with their versions.
+    #[must_use]
+    pub fn imports(&self) -> &BTreeSet<String> {
+        &self.0.compiled.imports
+    }
+
+    /// Where its compiled form came from when this process first needed it.
+    #[must_use]
+    pub fn origin(&self) -> Origin {
+        self.0.compiled.origin
+    }
+
+    /// Begins a run. What fails in its beginning is a fault of the run.
+    #[must_use]
+    pub fn run(&self, seed: u64) -> Run {
+        Run::start(self.0.clone(), seed)
+    }
+
+    /// As [`Self::run`], for whoever works with any skill.
+    #[must_use]
+    pub fn start(&self, seed: u64) -> Box<dyn Skill> {
+        Box::new(self.run(seed))
+    }
+}
+
+/// Asks the code what it offers and needs, in an instance of its own.
+fn describe(
+    compiled: &Compiled,
+    parameters: &[types::Parameter],
+    limits: ComponentLimits,
+) -> Result<(TaskKind, Interface), ComponentError> {
+    let fuel = limits.fuel_per_tick.saturating_mul(START_TICKS);
+    let failed = |call: Call| {
+        move |Ended { fault, error }: Ended| match fault {
+            CodeFault::Trap => ComponentError::Trapped { call, reason: reason(&error) },
+            CodeFault::Fuel => ComponentError::Fuel { call, fuel, ticks: START_TICKS },
+            CodeFault::Memory => ComponentError::Memory { call, memory_bytes: limits.memory_bytes },
+            CodeFault::Answer => ComponentError::Answer { reason: reason(&error) },
+            CodeFault::Machine => ComponentError::Machine { call },
+        }
+    };
+    let mut live = Live::new(compiled, limits, Outside::new(0))
+        .map_err(|(ended, _, _)| failed(Call::Instantiate)(ended))?;
+    let (answer, _) = live.call(fuel, |store, skill| skill.call_describe(store, parameters));
+    let said = answer.map_err(failed(Call::Describe))?;
+    let said = said.map_err(|text| ComponentError::Refused { reason: line(text) })?;
+    if said.interface.len() > INTERFACE_BYTES_MAX {
+        return Err(ComponentError::InterfaceSize { bytes: said.interface.len() });
+    }
+    let interface = serde_json::from_str(&said.interface)
+        .map_err(|error| ComponentError::Interface { reason: line(error.to_string()) })?;
+    Ok((wit::task_kind(said.task), interface))
+}

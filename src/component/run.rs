@@ -1,0 +1,250 @@
+//! One run of a component: one store, one instance, one task.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use wasmtime::{Store, Trap};
+
+use holdpoint_body::{CodeFault, Command, Observation};
+use holdpoint_skill::{Confined, Hook, Skill};
+use holdpoint_text::Untrusted;
+
+use crate::host::{Host, HostTrap, Outside};
+use crate::load::{Compiled, Loaded};
+use crate::machine::DEADLINE_EPOCHS;
+use crate::wit::{self, skill, state};
+use crate::{ComponentLimits, ENTER_TICKS, START_TICKS, STATE_BYTES_MAX};
+
+/// The most bytes that one call of the code hands over, in whatever form.
+const HANDED_BYTES_MAX: usize = STATE_BYTES_MAX + (64 << 10);
+
+/// What is there as long as the code did nothing wrong.
+pub struct Live {
+    store: Store<Host>,
+    skill: skill::Guest,
+    state: Option<state::Guest>,
+}
+
+/// What ended a call.
+pub struct Ended {
+    pub fault: CodeFault,
+    pub error: wasmtime::Error,
+}
+
+impl Live {
+    /// A fresh instance. The error comes with what the store came to.
+    pub fn new(
+        compiled: &Compiled,
+        limits: ComponentLimits,
+        outside: Outside,
+    ) -> Result<Self, (Ended, Outside, u64)> {
+        let mut store = Store::new(compiled.pre.engine(), Host::new(outside, limits.memory_bytes));
+        store.limiter(|host| host);
+        store.set_hostcall_fuel(HANDED_BYTES_MAX);
+        store.epoch_deadline_trap();
+        let budget = limits.fuel_per_tick.saturating_mul(START_TICKS);
+        let made = (|| -> wasmtime::Result<_> {
+            store.set_fuel(budget)?;
+            store.set_epoch_deadline(DEADLINE_EPOCHS);
+            let instance = compiled.pre.instantiate(&mut store)?;
+            let skill = compiled.skill.load(&mut store, &instance)?;
+            let state = compiled.state.as_ref().map(|state| state.load(&mut store, &instance)).transpose()?;
+            Ok((skill, state))
+        })();
+        match made {
+            Ok((skill, state)) => Ok(Self { store, skill, state }),
+            Err(error) => {
+                let ended = ended(store.data(), error);
+                let host = store.into_data();
+                Err((ended, host.outside, host.memory_largest))
+            }
+        }
+    }
+
+    /// Calls into the code with so much fuel; gives what it answered and what it took.
+    pub fn call<T>(
+        &mut self,
+        fuel: u64,
+        call: impl FnOnce(&mut Store<Host>, &skill::Guest) -> wasmtime::Result<T>,
+    ) -> (Result<T, Ended>, u64) {
+        self.store.set_epoch_deadline(DEADLINE_EPOCHS);
+        let answer = match self.store.set_fuel(fuel) {
+            Ok(()) => call(&mut self.store, &self.skill),
+            Err(error) => Err(error),
+        };
+        let taken = fuel.saturating_sub(self.store.get_fuel().unwrap_or(0));
+        (answer.map_err(|error| ended(self.store.data(), error)), taken)
+    }
+
+    pub fn host(&self) -> &Host {
+        self.store.data()
+    }
+}
+
+fn ended(host: &Host, error: wasmtime::Error) -> Ended {
+    let fault = if host.refused {
+        CodeFault::Memory
+    } else if let Some(trap) = error.downcast_ref::<Trap>() {
+        match trap {
+            Trap::OutOfFuel => CodeFault::Fuel,
+            Trap::Interrupt => CodeFault::Machine,
+            _ => CodeFault::Trap,
+        }
+    } else if error.is::<HostTrap>() {
+        CodeFault::Trap
+    } else {
+        // It came to an end, and what it gave cannot be read.
+        CodeFault::Answer
+    };
+    Ended { fault, error }
+}
+
+struct Inner {
+    /// `None` after a fault: what is wrong once is not called again.
+    live: Option<Live>,
+    fault: Option<CodeFault>,
+    fuel_tick_max: u64,
+    /// Of a run whose store is gone.
+    memory_largest: u64,
+    outside: Option<Outside>,
+}
+
+/// One run of a component. It cannot fail: what its code does wrong is its [`Confined::fault`], and from there on it holds.
+pub struct Run {
+    loaded: Arc<Loaded>,
+    inner: RefCell<Inner>,
+}
+
+impl Inner {
+    fn failed(ended: Ended, outside: Outside, memory_largest: u64) -> Self {
+        Self {
+            live: None,
+            fault: Some(ended.fault),
+            fuel_tick_max: 0,
+            memory_largest,
+            outside: Some(outside),
+        }
+    }
+
+    fn instance(loaded: &Loaded, outside: Outside) -> Self {
+        match Live::new(&loaded.compiled, loaded.limits, outside) {
+            Ok(live) => {
+                Self { live: Some(live), fault: None, fuel_tick_max: 0, memory_largest: 0, outside: None }
+            }
+            Err((ended, outside, memory_largest)) => Self::failed(ended, outside, memory_largest),
+        }
+    }
+
+    /// Nothing of the code is called any more.
+    fn fail(&mut self, fault: CodeFault) {
+        self.fault = Some(fault);
+        if let Some(live) = self.live.take() {
+            let host = live.store.into_data();
+            self.memory_largest = host.memory_largest;
+            self.outside = Some(host.outside);
+        }
+    }
+
+    /// Calls into the code; `None` if it failed, now or before. `tick` says whether the fuel counts as a tick's.
+    fn call<T>(
+        &mut self,
+        fuel: u64,
+        tick: bool,
+        call: impl FnOnce(&mut Store<Host>, &skill::Guest) -> wasmtime::Result<T>,
+    ) -> Option<T> {
+        let live = self.live.as_mut()?;
+        let (answer, taken) = live.call(fuel, call);
+        if tick {
+            self.fuel_tick_max = self.fuel_tick_max.max(taken);
+        }
+        match answer {
+            Ok(answer) => Some(answer),
+            Err(ended) => {
+                self.fail(ended.fault);
+                None
+            }
+        }
+    }
+}
+
+impl Run {
+    /// A run that has begun: an instance, and `start`.
+    pub(crate) fn start(loaded: Arc<Loaded>, seed: u64) -> Self {
+        let mut inner = Inner::instance(&loaded, Outside::new(seed));
+        let fuel = loaded.limits.fuel_per_tick.saturating_mul(START_TICKS);
+        let begun = inner.call(fuel, false, |store, skill| skill.call_start(store, seed, &loaded.parameters));
+        if let Some(Err(_)) = begun {
+            inner.fail(CodeFault::Answer);
+        }
+        Self { loaded, inner: RefCell::new(inner) }
+    }
+
+    /// What the code wrote to its output, the first [`crate::LOG_BYTES_MAX`] bytes of it.
+    #[must_use]
+    pub fn log(&self) -> Untrusted {
+        let inner = self.inner.borrow();
+        let outside = inner.live.as_ref().map(|live| &live.host().outside).or(inner.outside.as_ref());
+        Untrusted::new(String::from_utf8_lossy(outside.map_or(&[], Outside::log)))
+    }
+
+    fn copy(&self) -> Option<Self> {
+        let mut inner = self.inner.try_borrow_mut().ok()?;
+        let loaded = self.loaded.clone();
+        let fuel = loaded.limits.fuel_per_tick.saturating_mul(START_TICKS);
+        let save = inner.live.as_ref()?.state.clone()?;
+        let saved = inner.call(fuel, false, |store, _| save.call_save(store))?;
+        if saved.len() > STATE_BYTES_MAX {
+            inner.fail(CodeFault::Answer);
+            return None;
+        }
+        let outside = inner.live.as_ref()?.host().outside.clone();
+        let mut copy = Inner::instance(&loaded, outside.clone());
+        copy.fuel_tick_max = inner.fuel_tick_max;
+        if let Some(restore) = copy.live.as_ref().and_then(|live| live.state.clone()) {
+            let restored = copy.call(fuel, false, |store, _| restore.call_restore(store, &saved));
+            if let Some(Err(_)) = restored {
+                copy.fail(CodeFault::Answer);
+            }
+        }
+        // Making an instance may have drawn numbers or written something.
+        if let Some(live) = &mut copy.live {
+            live.store.data_mut().outside = outside;
+        }
+        Some(Self { loaded, inner: RefCell::new(copy) })
+    }
+}
+
+impl Skill for Run {
+    fn tick(&mut self, seen: &Observation) -> Command {
+        let fuel = self.loaded.limits.fuel_per_tick;
+        let inner = self.inner.get_mut();
+        let asked = inner.call(fuel, true, |store, skill| {
+            store.data_mut().outside.tick = seen.tick;
+            skill.call_tick(store, wit::observation(seen))
+        });
+        let Some(asked) = asked else { return Command::Hold };
+        match wit::command(&asked) {
+            Some(command) => command,
+            None => {
+                inner.fail(CodeFault::Answer);
+                Command::Hold
+            }
+        }
+    }
+
+    fn enter(&mut self, hook: Hook) {
+        let fuel = self.loaded.limits.fuel_per_tick.saturating_mul(ENTER_TICKS);
+        self.inner.get_mut().call(fuel, false, |store, skill| skill.call_enter(store, wit::hook(hook)));
+    }
+
+    fn fork(&self) -> Option<Box<dyn Skill>> {
+        Some(Box::new(self.copy()?))
+    }
+
+    fn confined(&self) -> Confined {
+        let inner = self.inner.borrow();
+        let memory_bytes =
+            inner.live.as_ref().map_or(inner.memory_largest, |live| live.host().memory_largest);
+        Confined { fuel_tick_max: inner.fuel_tick_max, memory_bytes, fault: inner.fault }
+    }
+}

@@ -1,0 +1,6 @@
+//! Components as they come from outside, good and hostile.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
+
+mod guest;
+mod wasi;

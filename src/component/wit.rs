@@ -1,0 +1,146 @@
+//! The contract `holdpoint:skill@1.0.0` on the host's side, and its messages from and to the body's own.
+
+#[allow(
+    clippy::all,
+    clippy::pedantic,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    missing_docs,
+    reason = "generated from the WIT"
+)]
+mod bindings {
+    wasmtime::component::bindgen!({ path: "../sdk/wit", world: "forkable" });
+}
+
+use holdpoint_body::{
+    Command, Estimate, FailureSignal, GuardVerdict, JointVec, MAX_JOINTS, Observation, Pose, TaskKind, Twist,
+};
+use holdpoint_skill::Hook;
+
+pub use bindings::exports::holdpoint::skill::{skill, state};
+pub use bindings::holdpoint::skill::types;
+
+/// A joint vector; the values beyond the count are 0.
+fn joints(values: &JointVec) -> types::Joints {
+    let mut all = [0.0; MAX_JOINTS];
+    let count = values.len().min(MAX_JOINTS);
+    all[..count].copy_from_slice(&values[..count]);
+    let [j0, j1, j2, j3, j4, j5, j6, j7] = all;
+    #[allow(clippy::cast_possible_truncation, reason = "at most MAX_JOINTS, 8")]
+    let count = count as u8;
+    types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 }
+}
+
+/// `None` if it says to have more joints than there can be.
+fn joint_vec(joints: &types::Joints) -> Option<JointVec> {
+    let types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 } = *joints;
+    let mut all = JointVec::from([j0, j1, j2, j3, j4, j5, j6, j7]);
+    let count = usize::from(count);
+    if count > MAX_JOINTS {
+        return None;
+    }
+    all.truncate(count);
+    Some(all)
+}
+
+const fn vector([x, y, z]: [f64; 3]) -> types::Vector {
+    types::Vector { x, y, z }
+}
+
+const fn pose(pose: &Pose) -> types::Pose {
+    let [x, y, z, w] = pose.rotation;
+    types::Pose { position: vector(pose.position), rotation: types::Quaternion { x, y, z, w } }
+}
+
+const fn twist(twist: &Twist) -> types::Twist {
+    types::Twist { linear: vector(twist.linear), angular: vector(twist.angular) }
+}
+
+const fn estimate(seen: &Estimate) -> types::Estimate {
+    types::Estimate { pose: pose(&seen.pose), age_ticks: seen.age_ticks, sequence: seen.sequence }
+}
+
+const fn task(task: TaskKind) -> types::Task {
+    match task {
+        TaskKind::Grasp => types::Task::Grasp,
+        TaskKind::Align => types::Task::Align,
+        TaskKind::Place => types::Task::Place,
+    }
+}
+
+/// The primitive a component performs.
+pub const fn task_kind(task: types::Task) -> TaskKind {
+    match task {
+        types::Task::Grasp => TaskKind::Grasp,
+        types::Task::Align => TaskKind::Align,
+        types::Task::Place => TaskKind::Place,
+    }
+}
+
+/// What a component is given in a tick.
+pub fn observation(seen: &Observation) -> types::Observation {
+    types::Observation {
+        tick: seen.tick,
+        q: joints(&seen.q),
+        dq: joints(&seen.dq),
+        tau: joints(&seen.tau),
+        tool: pose(&seen.tool),
+        tool_twist: twist(&seen.tool_twist),
+        gripper_width_m: seen.gripper_width_m,
+        gripper_force_n: seen.gripper_force_n,
+        wrist_force_n: seen.wrist_force_n,
+        object: seen.object.as_ref().map(estimate),
+        target: seen.target.as_ref().map(estimate),
+        tool_available: seen.tool_available,
+        goal: task(seen.goal),
+        guard: match seen.guard {
+            GuardVerdict::Allowed => types::Verdict::Allowed,
+            GuardVerdict::Clamped => types::Verdict::Clamped,
+            GuardVerdict::Denied => types::Verdict::Denied,
+        },
+    }
+}
+
+const fn signal(failure: types::Failure) -> FailureSignal {
+    match failure {
+        types::Failure::TargetNotFound => FailureSignal::TargetNotFound,
+        types::Failure::GraspMissed => FailureSignal::GraspMissed,
+        types::Failure::ObjectSlipped => FailureSignal::ObjectSlipped,
+        types::Failure::UnexpectedContact => FailureSignal::UnexpectedContact,
+        types::Failure::AlignmentLost => FailureSignal::AlignmentLost,
+        types::Failure::PlacementMissed => FailureSignal::PlacementMissed,
+        types::Failure::ToolUnavailable => FailureSignal::ToolUnavailable,
+        types::Failure::InputStale => FailureSignal::InputStale,
+        types::Failure::TimedOut => FailureSignal::TimedOut,
+    }
+}
+
+/// What a component asks for; its numbers are taken as they are. `None` if it is no command.
+pub fn command(asked: &types::Command) -> Option<Command> {
+    Some(match asked {
+        types::Command::Hold => Command::Hold,
+        types::Command::ToolPose(types::ToolPose { pose, max_speed_m_s }) => {
+            let (p, r) = (pose.position, pose.rotation);
+            let pose = Pose { position: [p.x, p.y, p.z], rotation: [r.x, r.y, r.z, r.w] };
+            Command::ToolPose { pose, max_speed_m_s: *max_speed_m_s }
+        }
+        types::Command::Joints(types::JointMove { q, max_speed_rad_s }) => {
+            Command::Joints { q: joint_vec(q)?, max_speed_rad_s: *max_speed_rad_s }
+        }
+        types::Command::Gripper(types::Grip { width_m, speed_m_s, force_n }) => {
+            Command::Gripper { width_m: *width_m, speed_m_s: *speed_m_s, force_n: *force_n }
+        }
+        types::Command::Stop => Command::Stop,
+        types::Command::Done => Command::Done,
+        types::Command::Fail(failure) => Command::Fail { signal: signal(*failure) },
+    })
+}
+
+/// A hook, as a component knows it.
+pub const fn hook(hook: Hook) -> types::Hook {
+    match hook {
+        Hook::SafeAbort => types::Hook::SafeAbort,
+        Hook::Rollback => types::Hook::Rollback,
+    }
+}
