@@ -1,0 +1,56 @@
+//! From what a compiler made to a component.
+
+use std::fmt::Display;
+
+use wit_component::{ComponentEncoder, StringEncoding, embed_component_metadata};
+use wit_parser::Resolve;
+
+/// The contract.
+const WIT: &str = include_str!("../sdk/wit/skill.wit");
+
+/// What a core module exports if it can copy a run's state.
+const SAVE: &[u8] = b"holdpoint:skill/state@1.0.0#save";
+
+/// The first part of the name of a section that says which world a module is of.
+const WORLD_SECTION: &[u8] = b"component-type";
+
+/// Why no component can be made.
+#[derive(Debug, thiserror::Error)]
+pub enum EncodeError {
+    /// It is neither a module nor a component.
+    #[error("what the compiler made is no WebAssembly")]
+    NotWasm,
+    /// The module does not fit the contract.
+    #[error("no component can be made of the module: {0}")]
+    Module(String),
+}
+
+/// A component of a core module; a component as it is.
+///
+/// # Errors
+/// If it is neither, or does not fit the contract: a missing export, one of another type, or an import.
+pub fn encode(built: Vec<u8>) -> Result<Vec<u8>, EncodeError> {
+    match built.get(..8) {
+        Some([0, b'a', b's', b'm', 0x0d, 0, 1, 0]) => return Ok(built),
+        Some([0, b'a', b's', b'm', 1, 0, 0, 0]) => {}
+        _ => return Err(EncodeError::NotWasm),
+    }
+    let mut module = built;
+    if !contains(&module, WORLD_SECTION) {
+        let world = if contains(&module, SAVE) { "forkable" } else { "component" };
+        let mut resolve = Resolve::default();
+        let package = resolve.push_str("skill.wit", WIT).map_err(refused)?;
+        let world = resolve.select_world(&[package], Some(world)).map_err(refused)?;
+        embed_component_metadata(&mut module, &resolve, world, StringEncoding::UTF8).map_err(refused)?;
+    }
+    ComponentEncoder::default().validate(true).module(&module).and_then(|mut it| it.encode()).map_err(refused)
+}
+
+/// What the encoder says, with its reasons.
+fn refused(error: impl Display) -> EncodeError {
+    EncodeError::Module(format!("{error:#}"))
+}
+
+fn contains(bytes: &[u8], part: &[u8]) -> bool {
+    bytes.windows(part.len()).any(|window| window == part)
+}

@@ -1,0 +1,48 @@
+//! The components that are kept built are those whose digests are kept, and none is without one.
+#![allow(clippy::unwrap_used, reason = "a test says what it expects by failing")]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest as _, Sha256};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../sdk/prebuilt")
+}
+
+#[test]
+fn the_digests_are_those_of_the_files() {
+    let said: BTreeMap<String, String> = fs::read_to_string(folder().join("SHA256SUMS"))
+        .unwrap()
+        .lines()
+        .map(|line| line.split_once("  ").unwrap())
+        .map(|(digest, name)| (name.to_owned(), digest.to_owned()))
+        .collect();
+    let there: BTreeMap<String, String> = fs::read_dir(folder())
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "wasm"))
+        .map(|path| {
+            let digest: String =
+                Sha256::digest(fs::read(&path).unwrap()).iter().map(|byte| format!("{byte:02x}")).collect();
+            (path.file_name().unwrap().display().to_string(), digest)
+        })
+        .collect();
+    assert_eq!(said, there);
+    assert_eq!(said.len(), 4);
+}
+
+#[test]
+fn a_component_is_taken_as_it_is_and_nothing_else_is_one() {
+    let kept = fs::read(folder().join("template-c.wasm")).unwrap();
+    assert_eq!(holdpoint_builder::encode(kept.clone()).unwrap(), kept);
+    for (bytes, expected) in [
+        (b"\x7fELF\x02\x01\x01\x00".to_vec(), "no WebAssembly"),
+        // A module that exports nothing does not fit the contract.
+        (b"\0asm\x01\0\0\0".to_vec(), "no component can be made"),
+    ] {
+        let refused = holdpoint_builder::encode(bytes).unwrap_err().to_string();
+        assert!(refused.contains(expected), "{refused}");
+    }
+}
