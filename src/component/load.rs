@@ -70,10 +70,10 @@ impl Compiled {
         origin: Origin,
     ) -> Result<Self, ComponentError> {
         let ty = component.component_type();
+        exported(engine, &ty)?;
         let imports = imported(engine, &ty)?;
         let linker = host::linker(engine, component)
             .map_err(|error| ComponentError::ImportType { reason: reason(&error) })?;
-        exported(engine, &ty)?;
         let pre = linker
             .instantiate_pre(component)
             .map_err(|error| ComponentError::ImportType { reason: reason(&error) })?;

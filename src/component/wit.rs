@@ -35,7 +35,7 @@ fn joints(values: &JointVec) -> types::Joints {
 /// `None` if it says to have more joints than there can be.
 fn joint_vec(joints: &types::Joints) -> Option<JointVec> {
     let types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 } = *joints;
-    let mut all = JointVec::from([j0, j1, j2, j3, j4, j5, j6, j7]);
+    let mut all = JointVec::from([j0, j1, j2, j3, j4, j5, j6, j7].map(number));
     let count = usize::from(count);
     if count > MAX_JOINTS {
         return None;
@@ -116,21 +116,29 @@ const fn signal(failure: types::Failure) -> FailureSignal {
     }
 }
 
+/// A number as it is. One that is none has a single form: its bits are nobody's message.
+const fn number(number: f64) -> f64 {
+    if number.is_nan() { f64::NAN } else { number }
+}
+
 /// What a component asks for; its numbers are taken as they are. `None` if it is no command.
 pub fn command(asked: &types::Command) -> Option<Command> {
     Some(match asked {
         types::Command::Hold => Command::Hold,
         types::Command::ToolPose(types::ToolPose { pose, max_speed_m_s }) => {
             let (p, r) = (pose.position, pose.rotation);
-            let pose = Pose { position: [p.x, p.y, p.z], rotation: [r.x, r.y, r.z, r.w] };
-            Command::ToolPose { pose, max_speed_m_s: *max_speed_m_s }
+            let pose =
+                Pose { position: [p.x, p.y, p.z].map(number), rotation: [r.x, r.y, r.z, r.w].map(number) };
+            Command::ToolPose { pose, max_speed_m_s: number(*max_speed_m_s) }
         }
         types::Command::Joints(types::JointMove { q, max_speed_rad_s }) => {
-            Command::Joints { q: joint_vec(q)?, max_speed_rad_s: *max_speed_rad_s }
+            Command::Joints { q: joint_vec(q)?, max_speed_rad_s: number(*max_speed_rad_s) }
         }
-        types::Command::Gripper(types::Grip { width_m, speed_m_s, force_n }) => {
-            Command::Gripper { width_m: *width_m, speed_m_s: *speed_m_s, force_n: *force_n }
-        }
+        types::Command::Gripper(types::Grip { width_m, speed_m_s, force_n }) => Command::Gripper {
+            width_m: number(*width_m),
+            speed_m_s: number(*speed_m_s),
+            force_n: number(*force_n),
+        },
         types::Command::Stop => Command::Stop,
         types::Command::Done => Command::Done,
         types::Command::Fail(failure) => Command::Fail { signal: signal(*failure) },

@@ -29,13 +29,16 @@ const HANDED: u32 = 1_024;
 pub struct Guest {
     pub world: &'static str,
     pub package: String,
+    pub version: &'static str,
+    /// What the module imports.
+    pub import: String,
     pub memory: String,
     /// What it says of itself.
     pub interface: String,
     /// Gives where the result of `describe` lies.
     pub describe: String,
     pub start: String,
-    /// Has the observation's address as local 0; gives the command's.
+    /// Has the observation's address as local 0, and `$word` and `$place` for itself; gives the command's.
     pub tick: String,
     pub enter: String,
     /// Anything else of the module.
@@ -48,6 +51,8 @@ impl Default for Guest {
         Self {
             world: "component",
             package: wit(),
+            version: "1.0.0",
+            import: String::new(),
             memory: "1".to_owned(),
             interface: INTERFACE.to_owned(),
             describe: format!("(i32.const {DESCRIBED})"),
@@ -77,11 +82,12 @@ impl Guest {
         let mut described = vec![0; 8];
         described.extend(TEXT.to_le_bytes());
         described.extend(u32::try_from(self.interface.len()).unwrap().to_le_bytes());
-        let Self { memory, describe, start, tick, enter, more, .. } = self;
+        let Self { version, import, memory, describe, start, tick, enter, more, .. } = self;
         let (described, interface) = (data(&described), data(self.interface.as_bytes()));
-        let name = "holdpoint:skill/skill@1.0.0";
+        let name = format!("holdpoint:skill/skill@{version}");
         let text = format!(
             r#"(module
+                {import}
                 (memory (export "memory") {memory})
                 (global $at (mut i32) (i32.const {HANDED}))
                 (data (i32.const {DESCRIBED}) "{described}")
@@ -94,7 +100,7 @@ impl Guest {
                     (global.set $at (i32.const {HANDED})) {describe})
                 (func (export "{name}#start") (param i64 i32 i32) (result i32)
                     (global.set $at (i32.const {HANDED})) {start})
-                (func (export "{name}#tick") (param i32) (result i32)
+                (func (export "{name}#tick") (param i32) (result i32) (local $word i64) (local $place i32)
                     (global.set $at (i32.const {HANDED})) {tick})
                 (func (export "{name}#enter") (param i32)
                     (global.set $at (i32.const {HANDED})) {enter})
@@ -117,7 +123,6 @@ impl Guest {
     }
 
     /// A good one that turns bad in its `tick`.
-    #[allow(dead_code)]
     pub fn ticking(tick: &str) -> Component {
         Self { tick: tick.to_owned(), ..Self::default() }.load().unwrap()
     }

@@ -2,5 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test says so by failing")]
 
+mod contract;
 mod guest;
+mod hostile;
+mod refused;
 mod wasi;

@@ -1,0 +1,234 @@
+//! What is handed over is what is received, in both directions, and a run's copy goes on as the run does.
+
+use holdpoint_body::{CodeFault, Command, FailureSignal, JointVec, Pose};
+use holdpoint_skill::{Hook, Skill as _};
+
+use crate::guest::{COMMAND, Guest, all_is_well, seen};
+
+/// Answers with the 8 bytes of the observation that the tick before asked for, as the width of a grip.
+fn reader() -> Guest {
+    let tick = format!(
+        "(local.set $place (i32.wrap_i64 (i64.load (local.get 0))))
+        (i64.store8 (i32.const {COMMAND}) (i64.const 3))
+        (i64.store (i32.const {}) (i64.load (i32.add (local.get 0) (i32.mul (local.get $place) (i32.const 8)))))
+        (i32.const {COMMAND})",
+        COMMAND + 8
+    );
+    Guest { tick, ..Guest::default() }
+}
+
+#[test]
+fn every_field_of_an_observation_arrives() {
+    let mut run = reader().load().unwrap().run(1);
+    let mut word = |place: u64| {
+        let Command::Gripper { width_m, .. } = run.tick(&seen(place)) else { panic!("place {place}") };
+        width_m
+    };
+    let all = seen(0);
+    let mut expected: Vec<(u64, f64)> = Vec::new();
+    let mut numbers = |from: u64, values: &[f64]| {
+        expected.extend((from..).zip(values.iter().copied()));
+    };
+    for (from, joints) in [(2, &all.q), (11, &all.dq), (20, &all.tau)] {
+        numbers(from, joints);
+        // There are seven of eight.
+        numbers(from + 7, &[0.0]);
+    }
+    numbers(29 - 1, &all.tool.position);
+    numbers(31, &all.tool.rotation);
+    numbers(35, &all.tool_twist.linear);
+    numbers(38, &all.tool_twist.angular);
+    numbers(41, &[all.gripper_width_m, all.gripper_force_n, all.wrist_force_n]);
+    numbers(54, &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    for (place, expected) in expected {
+        assert_eq!(word(place), expected, "the number at {place}");
+    }
+    // What is smaller than a number: its bits below the padding's.
+    let mut bits = |place: u64, mask: u64| word(place).to_bits() & mask;
+    assert_eq!([1, 10, 19].map(|place| bits(place, 0xff)), [7; 3], "counts");
+    assert_eq!((bits(44, 0xff), bits(53, 0xff)), (0, 1), "the object was not seen, the target was");
+    assert_eq!(bits(61, u64::MAX), (9 << 32) | 3, "age and sequence");
+    assert_eq!(bits(62, 0xff_ffff), 0x01_01_01, "tool there, goal align, guard clamped");
+}
+
+/// Answers with the command whose number is the tick's lowest digit, and with the failure of the next one.
+fn speaker() -> Guest {
+    let mut tick = "(local.set $word (i64.load (local.get 0)))".to_owned();
+    for place in 1..=10 {
+        let at = COMMAND + 8 * place;
+        tick += &format!("(f64.store (i32.const {at}) (f64.const {place}.5))");
+    }
+    tick += &format!(
+        "(i64.store8 (i32.const {COMMAND}) (i64.rem_u (local.get $word) (i64.const 10)))
+        (if (i64.eq (i64.rem_u (local.get $word) (i64.const 10)) (i64.const 2)) (then
+            (i64.store8 (i32.const {payload}) (i64.div_u (local.get $word) (i64.const 10)))))
+        (if (i64.eq (i64.rem_u (local.get $word) (i64.const 10)) (i64.const 6)) (then
+            (i64.store8 (i32.const {payload}) (i64.div_u (local.get $word) (i64.const 10)))))
+        (i32.const {COMMAND})",
+        payload = COMMAND + 8
+    );
+    Guest { tick, ..Guest::default() }
+}
+
+#[test]
+fn every_command_arrives() {
+    let component = speaker().load().unwrap();
+    let mut run = component.run(1);
+    let mut said = |tick: u64| run.tick(&seen(tick));
+    assert_eq!(said(0), Command::Hold);
+    let pose = Pose { position: [1.5, 2.5, 3.5], rotation: [4.5, 5.5, 6.5, 7.5] };
+    assert_eq!(said(1), Command::ToolPose { pose, max_speed_m_s: 8.5 });
+    for count in 0..=8 {
+        let q: JointVec = (2..2 + count).map(|place| f64::from(u8::try_from(place).unwrap()) + 0.5).collect();
+        assert_eq!(said(10 * count + 2), Command::Joints { q, max_speed_rad_s: 10.5 });
+    }
+    assert_eq!(said(3), Command::Gripper { width_m: 1.5, speed_m_s: 2.5, force_n: 3.5 });
+    assert_eq!((said(4), said(5)), (Command::Stop, Command::Done));
+    for (number, signal) in (0..).zip(FailureSignal::ALL) {
+        assert_eq!(said(10 * number + 6), Command::Fail { signal });
+    }
+    assert_eq!(run.confined().fault, None);
+    // What cannot be a command is none: more joints than there are, no such failure, no such command.
+    for (tick, what) in [(92, "9 joints"), (2_002, "200 joints"), (96, "no failure"), (7, "no command")] {
+        let mut run = component.run(1);
+        assert_eq!(run.tick(&seen(tick)), Command::Hold, "{what}");
+        assert_eq!(run.confined().fault, Some(CodeFault::Answer), "{what}");
+        assert_eq!(run.tick(&seen(4)), Command::Hold, "after a fault nothing is asked for");
+    }
+    all_is_well();
+}
+
+#[test]
+fn numbers_are_taken_as_they_are_and_nan_has_one_form() {
+    let answer = |bits: &str| {
+        let tick = format!(
+            "(i64.store8 (i32.const {COMMAND}) (i64.const 3))
+            (f64.store (i32.const {}) {bits})
+            (i32.const {COMMAND})",
+            COMMAND + 8
+        );
+        let mut run = Guest::ticking(&tick).run(1);
+        let Command::Gripper { width_m, .. } = run.tick(&seen(0)) else { panic!("{bits}") };
+        assert_eq!(run.confined().fault, None);
+        width_m
+    };
+    assert_eq!(answer("(f64.const inf)"), f64::INFINITY);
+    assert_eq!(answer("(f64.const -1e300)"), -1e300);
+    let forms = [
+        "(f64.const nan:0x8000000000001)",
+        "(f64.const -nan:0x7beef)",
+        "(f64.add (f64.const nan:0x7beef) (f64.const 1))",
+        "(f64.div (f64.const 0) (f64.const 0))",
+    ];
+    for form in forms {
+        assert_eq!(answer(form).to_bits(), 0x7ff8_0000_0000_0000, "{form}");
+    }
+}
+
+#[test]
+fn a_nan_inside_the_code_has_one_form_too() {
+    // The sum's bits, as a number that is none: what the code could tell machines apart by.
+    let tick = format!(
+        "(i64.store8 (i32.const {COMMAND}) (i64.const 3))
+        (f64.store (i32.const {}) (f64.convert_i64_u (i64.shr_u (i64.reinterpret_f64
+            (f64.add (f64.load (i32.const 8000)) (f64.const 1))) (i64.const 32))))
+        (i32.const {COMMAND})",
+        COMMAND + 8
+    );
+    let more = r#"(data (i32.const 8000) "\ef\be\ad\de\00\00\f8\ff")"#.to_owned();
+    let mut run = Guest { tick, more, ..Guest::default() }.load().unwrap().run(1);
+    let Command::Gripper { width_m, .. } = run.tick(&seen(0)) else { panic!() };
+    assert_eq!(width_m, f64::from(0x7ff8_0000_u32));
+}
+
+/// Counts its ticks, and stops when a hook was entered: both are saved. Where the copy's bytes lie is local.
+fn counter() -> Guest {
+    let tick = format!(
+        "(i32.store8 (i32.const {COMMAND}) (i32.const 3))
+        (i32.store (i32.const 8000) (i32.add (i32.load (i32.const 8000)) (i32.const 1)))
+        (f64.store (i32.const {}) (f64.convert_i32_u (i32.load (i32.const 8000))))
+        (if (i32.load (i32.const 8004)) (then (i32.store8 (i32.const {COMMAND}) (i32.const 4))))
+        (i32.const {COMMAND})",
+        COMMAND + 8
+    );
+    let state = "holdpoint:skill/state@1.0.0";
+    let more = format!(
+        r#"(data (i32.const 8016) "\40\1f\00\00\08\00\00\00")
+        (func (export "{state}#save") (result i32) (i32.const 8016))
+        (func (export "{state}#restore") (param i32 i32) (result i32)
+            (if (i32.ne (local.get 1) (i32.const 8)) (then unreachable))
+            (i64.store (i32.const 8000) (i64.load (local.get 0)))
+            (i32.const 128))"#
+    );
+    let enter = "(i32.store (i32.const 8004) (i32.const 1))".to_owned();
+    Guest { world: "forkable", tick, enter, more, ..Guest::default() }
+}
+
+#[test]
+fn a_copy_goes_on_as_the_run_does() {
+    let component = counter().load().unwrap();
+    let mut run = component.start(5);
+    for tick in 0..7 {
+        run.tick(&seen(tick));
+    }
+    let mut copy = run.fork().unwrap();
+    for tick in 7..20 {
+        let said = run.tick(&seen(tick));
+        assert_eq!(copy.tick(&seen(tick)), said);
+        assert!(matches!(said, Command::Gripper { width_m, .. } if width_m == tick as f64 + 1.0), "{said:?}");
+    }
+    run.enter(Hook::Rollback);
+    let mut copy = run.fork().unwrap();
+    assert_eq!((run.tick(&seen(20)), copy.tick(&seen(20))), (Command::Stop, Command::Stop));
+    assert_eq!((run.confined().fault, copy.confined().fault), (None, None));
+    // One that does not offer it is worked again.
+    assert!(Guest::default().load().unwrap().start(1).fork().is_none());
+}
+
+#[test]
+fn a_copy_that_fails_is_a_fault_and_never_the_hosts() {
+    let with = |from: &str, to: &str| {
+        let mut guest = counter();
+        assert!(guest.more.contains(from));
+        guest.more = guest.more.replace(from, to);
+        guest.load().unwrap().run(1)
+    };
+    let mut run = with("(result i32) (i32.const 8016)", "(result i32) unreachable");
+    assert!(run.fork().is_none());
+    assert_eq!((run.tick(&seen(0)), run.confined().fault), (Command::Hold, Some(CodeFault::Trap)));
+    // More than a megabyte, beyond the memory's end, and without an end.
+    let run = with(r"\40\1f\00\00\08\00\00\00", r"\00\00\00\00\00\00\20\00");
+    assert!(run.fork().is_none());
+    assert_eq!(run.confined().fault, Some(CodeFault::Answer));
+    let run = with("(result i32) (i32.const 8016)", "(result i32) (loop (br 0)) unreachable");
+    assert!(run.fork().is_none());
+    assert_eq!(run.confined().fault, Some(CodeFault::Fuel));
+    let run = with("(i32.ne (local.get 1) (i32.const 8))", "(i32.const 1)");
+    let copy = run.fork().unwrap();
+    assert_eq!((copy.confined().fault, run.confined().fault), (Some(CodeFault::Trap), None));
+    all_is_well();
+}
+
+#[test]
+fn what_a_run_used_is_measured() {
+    let tick = format!(
+        "(local.set $word (i64.load (local.get 0)))
+        (if (i64.eqz (local.get $word)) (then (drop (memory.grow (i32.const 2)))))
+        (block (loop (br_if 1 (i64.eqz (local.get $word))) (local.set $word (i64.sub (local.get $word) (i64.const 1))) (br 0)))
+        (i32.const {COMMAND})"
+    );
+    let component = Guest::ticking(&tick);
+    let used = |ticks: &[u64]| {
+        let mut run = component.run(1);
+        for tick in ticks {
+            run.tick(&seen(*tick));
+        }
+        assert_eq!(run.confined().fault, None);
+        (run.confined().fuel_tick_max, run.confined().memory_bytes)
+    };
+    let (short, long, both) = (used(&[10]), used(&[1_000]), used(&[1_000, 10]));
+    assert!(long.0 > short.0 + 5_000 && long.0 < 20_000, "{short:?} {long:?}");
+    assert_eq!(both, long, "the largest counts");
+    assert_eq!(used(&[1_000]), long, "and is the same again");
+    assert_eq!((long.1, used(&[0]).1), (65_536, 3 * 65_536));
+}
