@@ -50,6 +50,19 @@ pub enum ComponentError {
         /// What the compiler says.
         reason: String,
     },
+    /// More of something than a skill's code has.
+    #[error("the component has {count} {what}, too many: {max} are allowed")]
+    TooMuch {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many there are, as far as they were counted.
+        count: usize,
+        /// How many are allowed.
+        max: usize,
+    },
+    /// It defines a resource.
+    #[error("the component defines a resource of its own; a skill's messages are plain values")]
+    Resource,
     /// An export is missing.
     #[error("the component does not export {name}")]
     NoExport {
@@ -197,6 +210,8 @@ impl Hint for ComponentError {
                     .into()
             }
             Self::Invalid { .. }
+            | Self::TooMuch { .. }
+            | Self::Resource
             | Self::ImportType { .. }
             | Self::Parameters { .. }
             | Self::Parameter { .. }

@@ -22,7 +22,16 @@ mod load;
 mod machine;
 mod parameters;
 mod run;
+mod scan;
 mod wit;
+
+// The guests of the tests beside this crate name it as everyone does.
+#[cfg(test)]
+extern crate self as holdpoint_component;
+#[cfg(test)]
+#[path = "tests/component/guest.rs"]
+#[allow(dead_code, clippy::unwrap_used, reason = "the tests beside this crate use all of it")]
+mod guest;
 
 use holdpoint_governance::manifest::Resources;
 

@@ -19,6 +19,7 @@ use crate::host::{self, Host, Outside};
 use crate::machine::Machine;
 use crate::parameters;
 use crate::run::{Ended, Live, Run};
+use crate::scan::scan;
 use crate::wit::{self, skill, state, types};
 use crate::{COMPONENT_BYTES_MAX, ComponentLimits, INTERFACE_BYTES_MAX, SKILL, START_TICKS, STATE, TYPES};
 
@@ -185,6 +186,7 @@ impl Component {
             return Err(ComponentError::TooLarge { bytes: bytes.len() });
         }
         begins(bytes)?;
+        scan(bytes)?;
         let canonical = canonical_json(parameters)
             .map_err(|error| ComponentError::Canonical { reason: line(error.to_string()) })?;
         let parameters = parameters::flat(parameters)?;

@@ -248,3 +248,41 @@ impl Skill for Run {
         Confined { fuel_tick_max: inner.fuel_tick_max, memory_bytes, fault: inner.fault }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
+
+    use crate::guest::{Guest, seen};
+    use crate::machine::Machine;
+    use crate::{Component, ComponentLimits};
+
+    use super::*;
+
+    #[test]
+    fn a_call_that_the_machine_holds_up_says_nothing_of_the_code() {
+        let limits = ComponentLimits { fuel_per_tick: u64::MAX, memory_bytes: 1 << 20 };
+        let tick = "(loop (br 0)) unreachable".to_owned();
+        let bytes = Guest { tick, ..Guest::default() }.bytes();
+        let component = Component::load(&bytes, &serde_json::Value::Null, limits, &BTreeSet::new()).unwrap();
+        let mut run = component.run(1);
+        let over = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            // Seconds that pass in no time.
+            scope.spawn(|| {
+                while !over.load(Ordering::Acquire) {
+                    Machine::get().unwrap().engine.increment_epoch();
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            });
+            let said = run.tick(&seen(0));
+            over.store(true, Ordering::Release);
+            assert_eq!(said, Command::Hold);
+        });
+        let fault = run.confined().fault.unwrap();
+        assert_eq!(fault, CodeFault::Machine);
+        assert!(fault.is_infrastructure());
+    }
+}

@@ -122,6 +122,12 @@ impl Guest {
         load(&self.bytes())
     }
 
+    /// Loads it with packages that it may import.
+    pub fn load_with(&self, packages: &[&str]) -> Result<Component, ComponentError> {
+        let packages = packages.iter().map(ToString::to_string).collect();
+        Component::load(&self.bytes(), &Value::Null, LIMITS, &packages)
+    }
+
     /// A good one that turns bad in its `tick`.
     pub fn ticking(tick: &str) -> Component {
         Self { tick: tick.to_owned(), ..Self::default() }.load().unwrap()

@@ -6,7 +6,7 @@ use holdpoint_body::{CodeFault, Command};
 use holdpoint_component::{Call, Component, ComponentError};
 use holdpoint_skill::{Hook, Skill as _};
 
-use crate::guest::{Guest, LIMITS, all_is_well, seen};
+use crate::guest::{Guest, LIMITS, all_is_well, seen, wit};
 
 const FOREVER: &str = "(loop (br 0)) unreachable";
 
@@ -199,4 +199,142 @@ fn an_instance_that_goes_wrong_is_one_error() {
     assert!(matches!(large, ComponentError::Memory { call: Call::Instantiate, .. }), "{large}");
     assert!(holdpoint_text::Hint::sentence(&large).contains("memory_kib"));
     all_is_well();
+}
+
+/// A guest that imports a little of WASI, as its own WIT says it.
+fn reaching(tick: &str) -> Guest {
+    let nested = "
+        package wasi:io@0.2.3 {
+            interface poll {
+                resource pollable { block: func(); }
+                poll: func(all: list<borrow<pollable>>) -> list<u32>;
+            }
+            interface error { resource error; }
+            interface streams {
+                use error.{error};
+                variant stream-error { last-operation-failed(error), closed }
+                resource output-stream { write: func(bytes: list<u8>) -> result<_, stream-error>; }
+            }
+        }
+        package wasi:clocks@0.2.3 {
+            interface monotonic-clock {
+                use wasi:io/poll@0.2.3.{pollable};
+                now: func() -> u64;
+                subscribe-duration: func(nanos: u64) -> pollable;
+            }
+        }
+        package wasi:random@0.2.3 { interface random { get-random-bytes: func(wanted: u64) -> list<u8>; } }
+        package wasi:cli@0.2.3 {
+            interface stdout {
+                use wasi:io/streams@0.2.3.{output-stream};
+                get-stdout: func() -> output-stream;
+            }
+        }
+        package wasi:sockets@0.2.3 {
+            interface instance-network { resource network; instance-network: func() -> network; }
+        }";
+    let world = "export skill;
+        import wasi:clocks/monotonic-clock@0.2.3; import wasi:io/poll@0.2.3; import wasi:random/random@0.2.3;
+        import wasi:cli/stdout@0.2.3; import wasi:io/streams@0.2.3;
+        import wasi:sockets/instance-network@0.2.3;";
+    let import = r#"
+        (import "wasi:clocks/monotonic-clock@0.2.3" "now" (func $now (result i64)))
+        (import "wasi:clocks/monotonic-clock@0.2.3" "subscribe-duration" (func $sleep (param i64) (result i32)))
+        (import "wasi:io/poll@0.2.3" "poll" (func $poll (param i32 i32 i32)))
+        (import "wasi:io/poll@0.2.3" "[method]pollable.block" (func $block (param i32)))
+        (import "wasi:io/poll@0.2.3" "[resource-drop]pollable" (func $wake (param i32)))
+        (import "wasi:random/random@0.2.3" "get-random-bytes" (func $random (param i64 i32)))
+        (import "wasi:cli/stdout@0.2.3" "get-stdout" (func $stdout (result i32)))
+        (import "wasi:io/streams@0.2.3" "[method]output-stream.write" (func $write (param i32 i32 i32 i32)))
+        (import "wasi:sockets/instance-network@0.2.3" "instance-network" (func $network (result i32)))"#;
+    let package =
+        wit().replacen("world component {\n    export skill;", &format!("world component {{ {world}"), 1)
+            + nested;
+    Guest { package, import: import.to_owned(), tick: tick.to_owned(), ..Guest::default() }
+}
+
+const REACHED: [&str; 5] = ["wasi:cli", "wasi:clocks", "wasi:io", "wasi:random", "wasi:sockets"];
+
+#[test]
+fn the_world_outside_cannot_be_abused() {
+    let cases = [
+        (
+            "a busy wait",
+            "(loop (br_if 0 (i64.lt_u (call $now) (i64.const 1000000000000)))) unreachable",
+            CodeFault::Fuel,
+        ),
+        (
+            "a busy poll",
+            "(i32.store (i32.const 9000) (call $sleep (i64.const 1000000000)))
+            (loop (call $poll (i32.const 9000) (i32.const 1) (i32.const 9008)) (br 0)) unreachable",
+            CodeFault::Fuel,
+        ),
+        (
+            "sleeping for ever",
+            "(loop (local.set $place (call $sleep (i64.const -1))) (call $block (local.get $place))
+                (call $wake (local.get $place)) (br 0)) unreachable",
+            CodeFault::Fuel,
+        ),
+        (
+            "a poll of nothing",
+            "(call $poll (i32.const 0) (i32.const 0) (i32.const 9008)) unreachable",
+            CodeFault::Trap,
+        ),
+        (
+            "a petabyte of random numbers",
+            "(call $random (i64.const 0x4000000000000) (i32.const 9008)) unreachable",
+            CodeFault::Trap,
+        ),
+        (
+            "a write of half the memory",
+            "(call $write (call $stdout) (i32.const 0) (i32.const 32768) (i32.const 9008)) unreachable",
+            CodeFault::Trap,
+        ),
+        ("a network", "(call $network)", CodeFault::Trap),
+    ];
+    for (what, tick, expected) in cases {
+        let component = reaching(tick).load_with(&REACHED).unwrap_or_else(|error| panic!("{what}: {error}"));
+        let began = Instant::now();
+        assert_eq!(fault(&component), Some(expected), "{what}");
+        assert!(began.elapsed().as_secs() < 5, "{what}: {:?}", began.elapsed());
+        all_is_well();
+    }
+}
+
+#[test]
+fn handles_and_the_log_are_bounded() {
+    let answer = format!("(i32.const {})", crate::guest::COMMAND);
+    // A handle a tick that is never given back.
+    let mut run =
+        reaching(&format!("(drop (call $sleep (i64.const 1))) {answer}")).load_with(&REACHED).unwrap().run(1);
+    for tick in 0..1_024 {
+        run.tick(&seen(tick));
+        assert_eq!(run.confined().fault, None, "tick {tick}");
+    }
+    run.tick(&seen(1_024));
+    assert_eq!(run.confined().fault, Some(CodeFault::Trap));
+    // 4 KiB of output a tick.
+    let write =
+        format!("(call $write (call $stdout) (i32.const 16384) (i32.const 4096) (i32.const 9008)) {answer}");
+    let mut run = reaching(&write).load_with(&REACHED).unwrap().run(1);
+    for tick in 0..10 {
+        run.tick(&seen(tick));
+    }
+    assert_eq!(run.confined().fault, None);
+    assert_eq!(run.log().raw().len(), holdpoint_component::LOG_BYTES_MAX);
+    assert!(run.log().raw().starts_with("{\"controller\""));
+    all_is_well();
+}
+
+#[test]
+fn a_package_that_is_not_declared_is_refused_whatever_is_called() {
+    let error = reaching("(i32.const 256)").load_with(&REACHED[..4]).unwrap_err();
+    assert_eq!(
+        error,
+        ComponentError::Undeclared {
+            name: "wasi:sockets/instance-network@0.2.3".to_owned(),
+            package: "wasi:sockets".to_owned(),
+        }
+    );
+    assert_eq!(fault(&reaching("(i32.const 256)").load_with(&REACHED).unwrap()), None);
 }

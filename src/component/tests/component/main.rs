@@ -5,5 +5,6 @@
 mod contract;
 mod guest;
 mod hostile;
+mod kept;
 mod refused;
 mod wasi;

@@ -31,13 +31,13 @@ fn what_is_no_component_is_told_what_it_is() {
 fn no_damaged_component_harms_the_host() {
     let whole = Guest::default().bytes();
     let mut loaded = 0;
-    for place in (0..whole.len()).step_by(23) {
+    for place in (0..whole.len()).step_by(61) {
         let mut bytes = whole.clone();
         bytes[place] ^= 1 << (place % 8);
         loaded += usize::from(load(&bytes).is_ok());
         let _ = load(&whole[..place]).unwrap_err();
     }
-    assert!(loaded < whole.len() / 23, "something must have been refused");
+    assert!(loaded < whole.len() / 61, "something must have been refused");
     all_is_well();
 }
 
@@ -125,4 +125,35 @@ fn an_interface_that_is_none_is_refused() {
         assert!(error.sentence().contains("no others"), "{}", error.sentence());
     }
     all_is_well();
+}
+
+#[test]
+fn what_the_compiler_would_not_end_with_is_refused_before() {
+    let error = |more: String| {
+        let began = std::time::Instant::now();
+        let error = Guest { more, ..Guest::default() }.load().unwrap_err();
+        assert!(began.elapsed().as_secs() < 10, "{error}: {:?}", began.elapsed());
+        error
+    };
+    let long = error(format!("(func (param i32) {})", "(drop (local.get 0))".repeat(90_000)));
+    assert!(matches!(long, ComponentError::TooMuch { max: 262_144, .. }), "{long}");
+    let many = error("(func)".repeat(20_000));
+    assert!(matches!(many, ComponentError::TooMuch { max: 20_000, .. }), "{many}");
+    let locals = error(format!("(func (local {}))", "i64 ".repeat(5_001)));
+    assert_eq!(
+        locals.to_string(),
+        "the component has 5001 local variables in one function, too many: 5000 are allowed"
+    );
+    all_is_well();
+}
+
+#[test]
+fn handles_of_its_own_are_refused() {
+    let text = "(component (type $r (resource (rep i32))) (core func $new (canon resource.new $r)))";
+    assert_eq!(load(&wat::parse_str(text).unwrap()).unwrap_err(), ComponentError::Resource);
+    let within = format!(
+        "(component (component {}))",
+        text.trim_start_matches("(component ").trim_end_matches(')').to_owned() + "))"
+    );
+    assert_eq!(load(&wat::parse_str(within).unwrap()).unwrap_err(), ComponentError::Resource);
 }
