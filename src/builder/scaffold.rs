@@ -20,8 +20,11 @@ macro_rules! files {
 }
 
 /// What every folder has.
-const COMMON: &[(&str, &str)] =
-    files!["templates/common/manifest.toml", "templates/common/params.toml", "templates/common/submission.toml"];
+const COMMON: &[(&str, &str)] = files![
+    "templates/common/manifest.toml",
+    "templates/common/params.toml",
+    "templates/common/submission.toml"
+];
 
 const RUST: &[(&str, &str)] = files![
     "templates/rust/.cargo/config.toml",
@@ -73,7 +76,9 @@ pub struct Name(String);
 
 /// Why a name is none.
 #[derive(Debug, thiserror::Error)]
-#[error("{name:?} is no name: lower-case letters, digits and hyphens, a letter first, at most {NAME_BYTES_MAX}")]
+#[error(
+    "{name:?} is no name: lower-case letters, digits and hyphens, a letter first, at most {NAME_BYTES_MAX}"
+)]
 pub struct NameError {
     name: String,
 }
@@ -204,8 +209,7 @@ mod tests {
         let shared = ["arrayvec", "libm", "nalgebra", "schemars", "serde", "serde_json", "thiserror"];
         for name in shared {
             assert_eq!(
-                kit["workspace"]["dependencies"][name],
-                main["workspace"]["dependencies"][name],
+                kit["workspace"]["dependencies"][name], main["workspace"]["dependencies"][name],
                 "{name}"
             );
         }

@@ -71,9 +71,10 @@ impl Hint for BuildError {
             Self::NoSource(_) => Some("`holdpoint skill new` writes a folder that can be built".into()),
             Self::Missing { get, .. } => Some(format!("get it with {get}").into()),
             Self::NoTarget { get, .. } => Some(get.clone().into()),
-            Self::Encode(EncodeError::Module(_)) => {
-                Some("what a component exports is in sdk/wit/skill.wit; it may import WASI 0.2 and nothing else".into())
-            }
+            Self::Encode(EncodeError::Module(_)) => Some(
+                "what a component exports is in sdk/wit/skill.wit; it may import WASI 0.2 and nothing else"
+                    .into(),
+            ),
             Self::Refused { .. }
             | Self::Encode(EncodeError::NotWasm)
             | Self::File { .. }
@@ -126,9 +127,8 @@ fn rust(folder: &Path, target: &str) -> Result<PathBuf, BuildError> {
             &rustc,
             from,
         )?;
-        let there = libraries.is_some_and(|path| {
-            fs::read_dir(path.trim()).is_ok_and(|mut entries| entries.next().is_some())
-        });
+        let there = libraries
+            .is_some_and(|path| fs::read_dir(path.trim()).is_ok_and(|mut entries| entries.next().is_some()));
         if !there {
             let get = format!("`rustup target add {target}`");
             return Err(BuildError::NoTarget { compiler: rustc, target: target.to_owned(), get });
@@ -144,7 +144,8 @@ fn rust(folder: &Path, target: &str) -> Result<PathBuf, BuildError> {
         name("lib").or_else(|| name("package"))
     });
     let name = package.ok_or(BuildError::NoPackage(own))?.replace('-', "_");
-    let built = env::var_os("CARGO_TARGET_DIR").map_or_else(|| folder.join("target"), |path| folder.join(path));
+    let built =
+        env::var_os("CARGO_TARGET_DIR").map_or_else(|| folder.join("target"), |path| folder.join(path));
     Ok(built.join(target).join("release").join(name + ".wasm"))
 }
 
@@ -155,11 +156,8 @@ fn c(folder: &Path) -> Result<PathBuf, BuildError> {
         let get = format!("take another clang, e.g. {GET_CLANG}, and name it in the variable CLANG");
         return Err(BuildError::NoTarget { compiler: clang, target: target::C.to_owned(), get });
     }
-    let linker = said(
-        Command::new(&clang).args(["--target=wasm32", "--print-prog-name=wasm-ld"]),
-        &clang,
-        GET_CLANG,
-    )?;
+    let linker =
+        said(Command::new(&clang).args(["--target=wasm32", "--print-prog-name=wasm-ld"]), &clang, GET_CLANG)?;
     let linker = linker.as_deref().map_or("wasm-ld", str::trim);
     said(Command::new(linker).arg("--version"), "wasm-ld", GET_CLANG)?;
     let built = folder.join("target");
@@ -176,7 +174,10 @@ fn c(folder: &Path) -> Result<PathBuf, BuildError> {
     // The order of a folder is the file system's.
     sources.sort();
     let mut command = Command::new(&clang);
-    command.args(["@compile_flags.txt", "-Isdk", "-o", "target/skill.wasm"]).args(sources).current_dir(folder);
+    command
+        .args(["@compile_flags.txt", "-Isdk", "-o", "target/skill.wasm"])
+        .args(sources)
+        .current_dir(folder);
     done("clang", &mut command)?;
     Ok(built.join("skill.wasm"))
 }

@@ -74,6 +74,9 @@ fn presets() -> impl TypedValueParser<Value = Preset> {
                 "The sixteen, and the kinds of the paper's appendix C that they leave out: 23 a family"
             }
             Preset::Mutants => "One blindly damaged version: as many a family as there are sets",
+            Preset::Components => {
+                "The controllers as components, once with each fault that code can have, and without one: 15 a family"
+            }
         })
     };
     PossibleValuesParser::new(Preset::ALL.map(described)).try_map(|name| name.parse::<Preset>())

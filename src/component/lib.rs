@@ -43,8 +43,7 @@ pub use machine::keep_compiled_in;
 pub use parameters::PARAMETERS_MAX;
 pub use run::Run;
 
-/// The most bytes of a component.
-pub const COMPONENT_BYTES_MAX: usize = 2 << 20;
+pub use holdpoint_governance::component::COMPONENT_BYTES_MAX;
 
 /// The most bytes of the interface that a component describes.
 pub const INTERFACE_BYTES_MAX: usize = 64 << 10;

@@ -30,8 +30,10 @@ pub struct Machine {
     pub engine: Engine,
     /// What is compiled and in use, by the digest of its source.
     compiled: Mutex<BTreeMap<Digest, Slot>>,
-    forms: Mutex<Option<Arc<CompiledForms>>>,
 }
+
+/// Where compiled forms are kept; without it they are not.
+static FORMS: Mutex<Option<Arc<CompiledForms>>> = Mutex::new(None);
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -72,7 +74,7 @@ impl Machine {
                 }
             })
             .map_err(|error| ComponentError::Engine { reason: error.to_string() })?;
-        Ok(Self { engine, compiled: Mutex::default(), forms: Mutex::default() })
+        Ok(Self { engine, compiled: Mutex::default() })
     }
 
     /// The process's own.
@@ -99,7 +101,7 @@ impl Machine {
         if let Some(compiled) = kept.upgrade() {
             return Ok(compiled);
         }
-        let forms = lock(&self.forms).clone();
+        let forms = lock(&FORMS).clone();
         let made = match forms {
             Some(forms) => forms.component(&self.engine, source),
             None => wasmtime::component::Component::from_binary(&self.engine, source)
@@ -113,10 +115,6 @@ impl Machine {
 }
 
 /// Names the folder in which this process keeps compiled forms from now on, and the secret that authenticates them.
-///
-/// # Errors
-/// If components cannot be run here.
-pub fn keep_compiled_in(folder: PathBuf, secret: Zeroizing<[u8; 32]>) -> Result<(), ComponentError> {
-    *lock(&Machine::get()?.forms) = Some(Arc::new(CompiledForms::new(folder, secret)));
-    Ok(())
+pub fn keep_compiled_in(folder: PathBuf, secret: [u8; 32]) {
+    *lock(&FORMS) = Some(Arc::new(CompiledForms::new(folder, Zeroizing::new(secret))));
 }

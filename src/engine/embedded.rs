@@ -65,6 +65,7 @@ pub fn baselines() -> Result<Vec<Capability>, PackageError> {
                 manifest: manifest.to_owned(),
                 submission: submission.to_owned(),
                 params: params.to_owned(),
+                component: None,
             };
             Capability::load(name, package)
         })
@@ -91,6 +92,7 @@ pub fn package(name: &str) -> Option<Package> {
         manifest: (*manifest).to_owned(),
         submission: (*submission).to_owned(),
         params: (*params).to_owned(),
+        component: None,
     })
 }
 

@@ -79,6 +79,7 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_runtime::skill::component::keep_compiled_in;
 use holdpoint_text::Hint;
 
 /// Answers remembered for retried commands.
@@ -282,6 +283,7 @@ impl Engine {
             let from_ms = kept_clock::resumed_ms(store.layout(), &store.views()?)?;
             (Clock::real(from_ms), KeptClock::begin(store.layout(), from_ms))
         };
+        keep_compiled_in(store.layout().compiled(), store.cells().secret().derived("compiled components")?);
         let ledger = Ledger::open(store, !config.scripted)?;
         let given = BoundRobot::of(&config.cell);
         if let Some(recorded) =

@@ -15,6 +15,7 @@ use crate::stages::rollback;
 use crate::world::LiveWorld;
 use crate::world::live::LiveFault;
 use crate::world::supervisor::Trip;
+use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
@@ -46,10 +47,23 @@ pub(crate) fn register(
     };
     let id = candidate.id();
     let event = registered_event(&candidate);
+    say_refused_form(record, &candidate);
     let note = Note::because("submitted");
     record.register(candidate, false, context.needs_approval(), note)?;
     record.tell(event);
     accepted(&id, "registered")
+}
+
+/// Says where something else lay in the place of a version's compiled form.
+pub(crate) fn say_refused_form(record: &mut Record, version: &Capability) {
+    if version.bundle.refused_form() {
+        let text = format!(
+            "where the compiled form of {} was kept lay something else; it was not loaded, and the component was compiled \
+             anew: find out who can write to the store's folder",
+            version.id()
+        );
+        record.raise(AlarmKey::KeptFalse, Priority::High, true, &text);
+    }
 }
 
 /// What is told of a version that was taken in.

@@ -7,6 +7,7 @@ use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::monitors::Watched;
+use crate::operations::say_refused_form;
 use crate::people::approvals::{Approvals, void_requests};
 use crate::record::Record;
 use crate::stages::monitoring::Live;
@@ -21,10 +22,19 @@ use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{EvidenceEntry, FoundTelemetry, Interrupted, SetAside};
+use holdpoint_runtime::capability::Capability;
 
 /// Finishes or undoes what an interrupted engine left, and says so.
 pub(crate) fn recover(live: &mut Live<'_>, approvals: &mut Approvals) -> Result<(), Fault> {
     take_in_telemetry(live.record)?;
+    let members = live.record.ledger().families().flat_map(|(_, entry)| &entry.members);
+    let refused: Vec<Capability> = members
+        .filter(|member| member.capability.bundle.refused_form())
+        .map(|member| member.capability.clone())
+        .collect();
+    for version in refused {
+        say_refused_form(live.record, &version);
+    }
     reload_dossiers(live.context, live.record, live.dossiers)?;
     let interrupted = live.record.ledger().store().opening().interrupted.clone();
     let mut restarted = std::collections::BTreeSet::new();

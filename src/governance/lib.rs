@@ -206,6 +206,7 @@ pub mod alarms;
 mod alignment;
 pub mod approval;
 pub mod behavior;
+pub mod component;
 pub mod composition;
 pub mod condition;
 pub mod decision;

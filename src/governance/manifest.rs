@@ -201,6 +201,9 @@ pub struct Deployment {
     /// Where the code is: `native:<controller>` or a path to a `.wasm` component.
     #[schemars(with = "String")]
     pub bundle: Bundle,
+    /// Packages of WASI that a component may import, such as `wasi:clocks`; what they give is empty or the same every time.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub imports: BTreeSet<String>,
     /// Parameter file beside the manifest; parts `[a-z0-9._-]` only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<String>")]
@@ -450,7 +453,24 @@ impl Deployment {
             ));
         }
         let count = self.dependencies.len();
-        (count > 16)
-            .then(|| ("deployment.dependencies".into(), format!("{count} families"), "up to 16".into()))
+        if count > 16 {
+            return Some(("deployment.dependencies".into(), format!("{count} families"), "up to 16".into()));
+        }
+        let is_no_package = |name: &&String| !name.strip_prefix("wasi:").is_some_and(is_name);
+        let allowed = "up to 16 packages of WASI, such as \"wasi:clocks\"";
+        match (self.imports.iter().find(is_no_package), &self.bundle) {
+            (Some(bad), _) => Some(("deployment.imports".into(), bad.clone(), allowed.into())),
+            (None, Bundle::Native(_)) if !self.imports.is_empty() => Some((
+                "deployment.imports".into(),
+                format!("{} packages", self.imports.len()),
+                "none for a controller that is compiled in".into(),
+            )),
+            (None, _) if self.imports.len() > 16 => Some((
+                "deployment.imports".into(),
+                format!("{} packages", self.imports.len()),
+                allowed.into(),
+            )),
+            (None, Bundle::Native(_) | Bundle::Wasm(_)) => None,
+        }
     }
 }

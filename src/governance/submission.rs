@@ -5,11 +5,12 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::component::ComponentBytes;
 use super::evidence::Signature;
 use super::ids::is_name;
 use super::text_error::{TextError, check_size, parse_toml};
 
-/// The three texts a version consists of, as they were submitted.
+/// What a version consists of, as it was submitted: three texts, and its code where it brings its own.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Package {
@@ -19,6 +20,9 @@ pub struct Package {
     pub submission: String,
     /// The parameter file the manifest names; empty if it names none.
     pub params: String,
+    /// The component the manifest names; absent for a controller that is compiled in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub component: Option<ComponentBytes>,
 }
 
 /// The largest submission text, bytes; checked before it is parsed.

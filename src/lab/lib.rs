@@ -11,6 +11,7 @@ pub mod experiment;
 pub mod paper;
 pub mod pool;
 pub mod refine;
+pub mod same_code;
 pub mod truth;
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! anything that decides. The truth is for whoever scores a run after its last decision; the index holds its digest,
 //! so that it cannot be changed afterwards.
 
+pub mod confined;
 pub mod draft;
 pub mod generate;
 pub mod kind;

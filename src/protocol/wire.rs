@@ -12,10 +12,10 @@ use crate::seat::Sitting;
 use crate::snapshot::Snapshot;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 7;
+pub const PROTOCOL: u32 = 8;
 
-/// The longest line a client may send, bytes.
-pub const CALL_BYTES_MAX: usize = 1024 * 1024;
+/// The longest line a client may send, bytes: the largest component has room in it, in the letters of a package's JSON.
+pub const CALL_BYTES_MAX: usize = 4 * 1024 * 1024;
 
 /// The longest line an engine sends, bytes.
 pub const ANSWER_BYTES_MAX: usize = 16 * 1024 * 1024;

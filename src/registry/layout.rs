@@ -42,6 +42,12 @@ impl Layout {
         self.folder.join("telemetry.db")
     }
 
+    /// Compiled forms of components; what they were compiled from is in the database.
+    #[must_use]
+    pub fn compiled(&self) -> PathBuf {
+        self.folder.join("compiled")
+    }
+
     /// The lock of the engine that has the store.
     #[must_use]
     pub fn lock(&self) -> PathBuf {

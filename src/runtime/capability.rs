@@ -15,8 +15,11 @@ use serde_json::Value;
 use crate::seeds::BundleSeed;
 use crate::senses::Senses;
 use crate::skill::altered::{self, AlteredBundle};
+use crate::skill::component::ComponentBundle;
 use crate::skill::native::{Controller, NativeBundle, NativeError, PARAMS_BYTES_MAX};
-use crate::skill::{Skill, SkillBundle};
+use crate::skill::{Skill, SkillBundle, provided};
+use holdpoint_component::{Component, ComponentError, ComponentLimits};
+use holdpoint_governance::component::{COMPONENT_BYTES_MAX, ComponentBytes, ComponentTooLarge};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::submission::{Package, SUBMISSION_BYTES_MAX, Submission};
@@ -60,9 +63,18 @@ pub enum PackageError {
     /// The bundle cannot be loaded.
     #[error(transparent)]
     Native(#[from] NativeError),
-    /// The kind of bundle is not supported by this build.
-    #[error("{file}: the bundle {bundle:?} is a WebAssembly component, which this build does not run")]
-    NoWasm { file: String, bundle: String },
+    /// The manifest names a component, and the package has none.
+    #[error("{file}: deployment.bundle is the component {bundle:?}, and the package brings none")]
+    NoComponent { file: String, bundle: String },
+    /// The package has a component that its manifest does not name.
+    #[error("{file}: the package brings a component, and deployment.bundle is {bundle:?}")]
+    ComponentUnnamed { file: String, bundle: String },
+    /// The component is larger than allowed.
+    #[error("{file}: {source}")]
+    ComponentTooLarge { file: String, source: ComponentTooLarge },
+    /// The component is no skill.
+    #[error("{file}: {source}")]
+    Component { file: String, source: ComponentError },
     /// A native bundle without parameters.
     #[error("{file}: deployment.params is missing")]
     NoParams { file: String },
@@ -79,10 +91,12 @@ impl Hint for PackageError {
             ),
             Self::Content(error) => error.hint(),
             Self::Native(error) => error.hint(),
-            Self::NoWasm { .. } => Some("use native:<controller>".into()),
+            Self::Component { source, .. } => source.hint(),
+            Self::NoComponent { .. } => Some("`holdpoint skill build` makes it from a skill's source".into()),
             Self::NoParams { .. } => {
                 Some("a native bundle needs a parameter file, e.g. params = \"params.toml\"".into())
             }
+            Self::ComponentUnnamed { .. } | Self::ComponentTooLarge { .. } => None,
             Self::NotText { .. } | Self::Params { .. } | Self::NotFinite { .. } | Self::Canonical { .. } => {
                 None
             }
@@ -131,11 +145,12 @@ impl Parsed {
         let files = Files::open(name, folder)?;
         let text = files.text("manifest.toml", MANIFEST_BYTES_MAX)?;
         let manifest = Manifest::parse(&named(name, "manifest.toml"), &text)?;
-        let mut package = Package { manifest: text, submission: String::new(), params: String::new() };
+        let mut package =
+            Package { manifest: text, submission: String::new(), params: String::new(), component: None };
         package.submission = files.text("submission.toml", SUBMISSION_BYTES_MAX)?;
         let submission = Submission::parse(&named(name, "submission.toml"), &package.submission)?;
         if let Bundle::Wasm(file) = &manifest.deployment.bundle {
-            files.has(file.as_str())?;
+            package.component = Some(files.component(file.as_str())?);
         }
         if let Some(file) = &manifest.deployment.params {
             package.params = files.text(file.as_str(), PARAMS_BYTES_MAX)?;
@@ -150,7 +165,19 @@ impl Parsed {
     pub fn parse(name: &str, package: Package) -> Result<Self, PackageError> {
         let manifest = Manifest::parse(&named(name, "manifest.toml"), &package.manifest)?;
         let submission = Submission::parse(&named(name, "submission.toml"), &package.submission)?;
-        Ok(Self { manifest, submission, package })
+        match (&manifest.deployment.bundle, &package.component) {
+            (Bundle::Wasm(_), Some(_)) | (Bundle::Native(_), None) => {
+                Ok(Self { manifest, submission, package })
+            }
+            (Bundle::Wasm(path), None) => Err(PackageError::NoComponent {
+                file: named(name, "manifest.toml"),
+                bundle: path.as_str().to_owned(),
+            }),
+            (native @ Bundle::Native(_), Some(_)) => Err(PackageError::ComponentUnnamed {
+                file: named(name, "manifest.toml"),
+                bundle: native.clone().into(),
+            }),
+        }
     }
 
     /// The parameters as they stand in their file, whatever its fields are; only the controller knows those. Null
@@ -209,8 +236,23 @@ impl<'a> Files<'a> {
         Ok(Self { name, dir })
     }
 
-    /// A text of at most so many bytes; of a larger one no more is read than tells that it is.
+    /// A text of at most so many bytes.
     fn text(&self, path: &str, bytes_max: usize) -> Result<String, PackageError> {
+        let file = named(self.name, path);
+        let bytes = self.bytes(path, bytes_max)?;
+        let text = String::from_utf8(bytes).map_err(|_| PackageError::NotText { file: file.clone() })?;
+        check_size(&file, &text, bytes_max)?;
+        Ok(text)
+    }
+
+    fn component(&self, path: &str) -> Result<ComponentBytes, PackageError> {
+        let bytes = self.bytes(path, COMPONENT_BYTES_MAX)?;
+        let too_large = |source| PackageError::ComponentTooLarge { file: named(self.name, path), source };
+        ComponentBytes::new(bytes).map_err(too_large)
+    }
+
+    /// What is in a file; of a larger one than is allowed no more is read than tells that it is.
+    fn bytes(&self, path: &str, bytes_max: usize) -> Result<Vec<u8>, PackageError> {
         let file = named(self.name, path);
         let mut bytes = Vec::new();
         let mut options = OpenOptions::new();
@@ -219,20 +261,8 @@ impl<'a> Files<'a> {
             .open_with(path, &options)
             .and_then(|opened| regular(opened.into_std()))
             .and_then(|opened| opened.take(bytes_max as u64 + 1).read_to_end(&mut bytes))
-            .map_err(|source| PackageError::Read { file: file.clone(), source })?;
-        let text = String::from_utf8(bytes).map_err(|_| PackageError::NotText { file: file.clone() })?;
-        check_size(&file, &text, bytes_max)?;
-        Ok(text)
-    }
-
-    /// Whether there is such a file; its content is not looked at.
-    fn has(&self, path: &str) -> Result<(), PackageError> {
-        let read = |source| PackageError::Read { file: named(self.name, path), source };
-        if self.dir.metadata(path).map_err(read)?.is_file() {
-            Ok(())
-        } else {
-            Err(read(io::Error::other("it is not a file")))
-        }
+            .map_err(|source| PackageError::Read { file, source })?;
+        Ok(bytes)
     }
 }
 
@@ -280,38 +310,60 @@ impl Capability {
     pub fn of(name: &str, parsed: Parsed) -> Result<Self, PackageError> {
         let Parsed { manifest, submission, package } = parsed;
         let manifest_file = named(name, "manifest.toml");
-        let bundle = match &manifest.deployment.bundle {
+        let params_file = manifest.deployment.params.as_ref().map(|params| named(name, params.as_str()));
+        let (alterations, own) = match &params_file {
+            Some(file) => altered::split(file, &package.params)?,
+            None => (Vec::new(), None),
+        };
+        let params_text = own.as_deref().unwrap_or(&package.params);
+        let bundle: Arc<dyn SkillBundle> = match &manifest.deployment.bundle {
             Bundle::Native(controller) => {
-                let Some(params) = &manifest.deployment.params else {
+                let Some(file) = &params_file else {
                     return Err(PackageError::NoParams { file: manifest_file });
                 };
-                let file = named(name, params.as_str());
-                let (alterations, own) = altered::split(&file, &package.params)?;
-                let params = own.as_deref().unwrap_or(&package.params);
-                let controller = Controller::parse(controller, &file, params).map_err(|error| {
-                    let NativeError::UnknownController(name) = error else { return error.into() };
-                    let known = Controller::NAMES.map(|name| format!("native:{name}")).join(", ");
-                    let (field, value) = ("deployment.bundle", format!("native:{name}"));
-                    PackageError::from(TextError::value(
-                        &manifest_file,
-                        &package.manifest,
-                        field,
-                        &value,
-                        &known,
-                    ))
-                })?;
-                let canonical = |source| PackageError::Canonical { file: file.clone(), source };
-                let bundle: Arc<dyn SkillBundle> =
-                    Arc::new(NativeBundle::new(controller).map_err(canonical)?);
-                if alterations.is_empty() {
-                    bundle
+                if let Some(load) = provided::provided(controller) {
+                    load(file, params_text)?
                 } else {
-                    Arc::new(AlteredBundle::new(bundle, alterations).map_err(canonical)?)
+                    let controller = Controller::parse(controller, file, params_text).map_err(|error| {
+                        let NativeError::UnknownController(name) = error else { return error.into() };
+                        let known: Vec<String> =
+                            provided::names().into_iter().map(|name| format!("native:{name}")).collect();
+                        let known = known.join(", ");
+                        let (field, value) = ("deployment.bundle", format!("native:{name}"));
+                        PackageError::from(TextError::value(
+                            &manifest_file,
+                            &package.manifest,
+                            field,
+                            &value,
+                            &known,
+                        ))
+                    })?;
+                    let canonical = |source| PackageError::Canonical { file: file.clone(), source };
+                    Arc::new(NativeBundle::new(controller).map_err(canonical)?)
                 }
             }
             Bundle::Wasm(path) => {
-                return Err(PackageError::NoWasm { file: manifest_file, bundle: path.as_str().to_owned() });
+                let file = named(name, path.as_str());
+                let Some(component) = &package.component else {
+                    let bundle = path.as_str().to_owned();
+                    return Err(PackageError::NoComponent { file: manifest_file, bundle });
+                };
+                let params = match &params_file {
+                    Some(file) => params(file, params_text)?,
+                    None => Value::Null,
+                };
+                let limits = ComponentLimits::of(&manifest.permissions.resources);
+                Component::load(component.bytes(), &params, limits, &manifest.deployment.imports)
+                    .map(|component| Arc::new(ComponentBundle(component)))
+                    .map_err(|source| PackageError::Component { file, source })?
             }
+        };
+        let bundle = match (alterations.is_empty(), params_file) {
+            (false, Some(file)) => Arc::new(
+                AlteredBundle::new(bundle, alterations)
+                    .map_err(|source| PackageError::Canonical { file, source })?,
+            ),
+            (true, _) | (false, None) => bundle,
         };
         let manifest_digest = manifest
             .digest()

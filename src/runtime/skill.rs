@@ -4,7 +4,9 @@
 //! are compiled in, what is altered around them, and components in WebAssembly stand behind the same two traits.
 
 pub mod altered;
+pub mod component;
 pub mod native;
+pub mod provided;
 
 use holdpoint_body::{BodyError, CodeFault, Command, Observation, TaskKind};
 
@@ -21,6 +23,11 @@ pub trait SkillBundle: Send + Sync {
 
     /// The primitive the code performs.
     fn task(&self) -> TaskKind;
+
+    /// Whether something else lay where its compiled form was kept. It was not loaded.
+    fn refused_form(&self) -> bool {
+        false
+    }
 
     /// Begins a run. Equal seeds and equal observations give equal commands. The seed tells nothing of the episode.
     fn start(&self, seed: u64) -> Box<dyn Skill>;

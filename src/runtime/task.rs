@@ -8,7 +8,7 @@
 mod run;
 mod senses;
 
-pub use run::{TaskRun, TaskStage};
+pub use run::{TaskRun, TaskStage, is_same};
 
 use holdpoint_body::BodyError;
 use holdpoint_body::{

@@ -6,6 +6,7 @@
 # Needs clang with lld, and cargo with the target wasm32-unknown-unknown (`rustup target add wasm32-unknown-unknown`). RUSTC,
 # and what else cargo reads from the environment, hold for the components alone: where a compiler has no such target, cargo builds the
 # standard library with CARGO_UNSTABLE_BUILD_STD=std,panic_abort and RUSTC_BOOTSTRAP=1.
+# ENCODE names a program that makes components of modules; without it the crate `holdpoint-builder` is built for that.
 #
 # With --compare nothing is written: what was built is held against prebuilt/SHA256SUMS. Equal compilers give equal bytes
 # wherever the sources lie; prebuilt/COMPILERS says which those are, and with others the script ends with 3 and says so.
@@ -36,6 +37,7 @@ built="$target/wasm32-unknown-unknown/release"
 clang @templates/c/compile_flags.txt -Ic templates/c/grasp.c c/holdpoint_skill.c -o "$target/template-c.wasm"
 
 encode() {
+    if [ -n "${ENCODE:-}" ]; then "$ENCODE" "$@"; return; fi
     env -u RUSTC -u RUSTC_BOOTSTRAP -u RUSTFLAGS -u CARGO_UNSTABLE_BUILD_STD -u LD_LIBRARY_PATH \
         cargo run --quiet --locked -p holdpoint-builder --example encode -- "$@"
 }

@@ -210,6 +210,7 @@ fn call() {
         manifest: read("manifest.toml"),
         submission: read("submission.toml"),
         params: read("params.toml"),
+        component: None,
     };
     let commands = [
         Command::Register { package, name: "grasp-improved".into() },

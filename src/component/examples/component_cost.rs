@@ -86,7 +86,7 @@ fn main() {
     println!("{} bytes", bytes.len());
     println!("compile and describe     p50 {:9.3} ms   p99 {:9.3} ms", p50 / 1e3, p99 / 1e3);
     let folder = tempfile::tempdir().unwrap();
-    keep_compiled_in(folder.path().to_owned(), [7; 32].into()).unwrap();
+    keep_compiled_in(folder.path().to_owned(), [7; 32]);
     drop(load());
     let kept: u64 =
         folder.path().read_dir().unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();

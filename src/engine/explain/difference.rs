@@ -4,6 +4,7 @@
 
 use serde_json::Value;
 
+use holdpoint_governance::ids::Digest;
 use holdpoint_protocol::detail::Difference;
 use holdpoint_runtime::capability::Capability;
 
@@ -18,7 +19,12 @@ pub fn version_differences(active: Option<&Capability>, candidate: &Capability) 
         // Both loaded, so their parameters parse; a text that does not is shown as no parameters.
         let params: Option<toml::Table> = toml::from_str(&version.package.params).ok();
         let params = params.and_then(|table| serde_json::to_value(table).ok()).unwrap_or_default();
-        serde_json::json!({ "manifest": manifest, "params": params })
+        let mut whole = serde_json::json!({ "manifest": manifest, "params": params });
+        if let Some(component) = &version.package.component {
+            let digest = Digest::of_parts("holdpoint.component-file.v1", &[component.bytes()]);
+            whole["component"] = serde_json::json!({ "bytes": component.bytes().len(), "digest": digest });
+        }
+        whole
     };
     let nothing = || {
         let permissions =

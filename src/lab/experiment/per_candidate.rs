@@ -17,6 +17,7 @@ use super::{ExperimentError, Tell, kept, scratch};
 use crate::pool::{Pool, PoolCandidate, PoolTruth};
 use holdpoint_engine::Experiment;
 use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
@@ -172,6 +173,7 @@ pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<Can
         task.package.manifest.as_bytes(),
         task.package.submission.as_bytes(),
         task.package.params.as_bytes(),
+        task.package.component.as_ref().map_or(&[], ComponentBytes::bytes),
         &task.seed.to_le_bytes(),
         profile.digest()?.bytes().as_slice(),
         cell.digest().bytes().as_slice(),
@@ -181,7 +183,7 @@ pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<Can
     ]
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
-    let key = Digest::of_parts("holdpoint.end.v4", &parts);
+    let key = Digest::of_parts("holdpoint.end.v5", &parts);
     if let Some(kept) = kept::<CandidateEnd>(cells, &key).filter(|kept| kept.name == task.name) {
         return Ok(kept);
     }

@@ -5,6 +5,7 @@
 use toml::{Table, Value};
 
 use super::PoolError;
+use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability::Capability;
 
@@ -15,6 +16,8 @@ pub struct Draft {
     pub manifest: Table,
     /// What `params.toml` will hold.
     pub params: Table,
+    /// Its own code; absent for what is compiled in.
+    component: Option<ComponentBytes>,
     changes: Vec<FieldChange>,
 }
 
@@ -41,6 +44,7 @@ impl Draft {
         Ok(Self {
             manifest: parse(&baseline.package.manifest)?,
             params: parse(&baseline.package.params)?,
+            component: baseline.package.component.clone(),
             changes: Vec::new(),
         })
     }
@@ -49,6 +53,12 @@ impl Draft {
         let value = value.into();
         let old = self.params.insert(name.to_owned(), value.clone());
         self.note(name.to_owned(), old, Some(value));
+    }
+
+    /// Gives it code of its own; `what` says what is in it.
+    pub fn code(&mut self, component: ComponentBytes, what: String) {
+        self.component = Some(component);
+        self.note("code".to_owned(), None, Some(Value::from(what)));
     }
 
     /// Sets a field of the manifest by its path; tables on the way are made.
@@ -126,6 +136,7 @@ impl Draft {
             manifest: self.manifest.to_string(),
             submission: submission.to_string(),
             params: self.params.to_string(),
+            component: self.component.clone(),
         }
     }
 }

@@ -9,6 +9,7 @@ use std::path::Path;
 use holdpoint_sim::rng::Stream;
 use toml::{Table, Value};
 
+use super::confined::{self, block::Kind};
 use super::draft::Draft;
 use super::kind::{CandidateKind, Preset};
 use super::listed::Listed;
@@ -147,6 +148,9 @@ pub fn write(order: Order, dir: &Path) -> Result<PoolIndex, PoolError> {
         ] {
             put(&folder.join(file), text.as_bytes())?;
         }
+        if let Some(component) = &package.component {
+            put(&folder.join(confined::FILE), component.bytes())?;
+        }
     }
     put(&truth, &drawn.truth)?;
     // The index comes last: a folder without one is no pool.
@@ -224,6 +228,11 @@ fn draw_set(
                 mutant::damage(&mut draft, baseline, &mut stream)?;
                 Some("mutant".to_owned())
             }
+            CandidateKind::Component(_) => {
+                let fault = kind.fault().unwrap_or(Kind::Honest);
+                confined::write(fault, &mut draft, &mut stream)?;
+                Some(format!("code-{}", fault.name()))
+            }
         };
         let word = word.ok_or_else(|| PoolError::Generated {
             name: format!("{family} {kind:?}"),
@@ -269,7 +278,7 @@ fn by_recipe(
         CandidateKind::MarginalBehavior => "marginal-behavior",
         CandidateKind::MarginalRecovery => "marginal-recovery",
         CandidateKind::Listed(listed) => listed.name(),
-        CandidateKind::Mutant => "mutant",
+        CandidateKind::Mutant | CandidateKind::Component(_) => "mutant",
     };
     let named = !recipe.mechanism.is_empty() && kind.class() == super::Class::Faulty;
     Some(if named { format!("{word}-{}", recipe.mechanism) } else { word.to_owned() })

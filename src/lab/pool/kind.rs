@@ -2,6 +2,8 @@
 //!
 //! Owns the closed list. How a kind is made stands in `benign`, `structure`, `faulty` and `marginal`.
 
+use super::confined::block::Kind;
+use super::confined::is_harmless;
 use super::listed::Listed;
 use super::truth::Class;
 use holdpoint_governance::decision::Dimension;
@@ -37,12 +39,19 @@ pub enum CandidateKind {
     Listed(Listed),
     /// Damaged blindly.
     Mutant,
+    /// Brings its own code, with the fault of this place in [`Kind::ALL`].
+    Component(u8),
+}
+
+/// The fault in the code of [`CandidateKind::Component`].
+fn fault(place: u8) -> Kind {
+    Kind::ALL.get(usize::from(place)).copied().unwrap_or(Kind::Honest)
 }
 
 impl CandidateKind {
     /// What class it belongs to.
     #[must_use]
-    pub const fn class(self) -> Class {
+    pub fn class(self) -> Class {
         match self {
             Self::Improved
             | Self::Lateral
@@ -57,7 +66,15 @@ impl CandidateKind {
             | Self::Listed(_) => Class::Faulty,
             Self::MarginalBehavior | Self::MarginalRecovery => Class::Marginal,
             Self::Mutant => Class::Blind,
+            Self::Component(place) if is_harmless(fault(place)) => Class::Benign,
+            Self::Component(_) => Class::Blind,
         }
+    }
+
+    /// The fault in its code, if it brings code.
+    #[must_use]
+    pub fn fault(self) -> Option<Kind> {
+        if let Self::Component(place) = self { Some(fault(place)) } else { None }
     }
 
     /// The dimension it is worse in.
@@ -70,7 +87,8 @@ impl CandidateKind {
             | Self::Efficiency
             | Self::Robust
             | Self::Stable
-            | Self::Mutant => None,
+            | Self::Mutant
+            | Self::Component(_) => None,
             Self::Interface(_) => Some(Dimension::Interface),
             Self::Permission(_) => Some(Dimension::Policy),
             Self::Behavior(_) | Self::MarginalBehavior => Some(Dimension::Behavior),
@@ -91,6 +109,8 @@ holdpoint_governance::words! {
         AppendixC = "appendix-c",
         /// One blindly damaged version: as many mutants a family as there are sets.
         Mutants = "mutants",
+        /// The controllers as components, once with each fault that code can have, and without one: 15 a family.
+        Components = "components",
     }
 }
 
@@ -124,6 +144,9 @@ impl Preset {
                 [Self::Full10.kinds().as_slice(), &listed].concat()
             }
             Self::Mutants => vec![CandidateKind::Mutant],
+            Self::Components => (0..Kind::ALL.len())
+                .map(|place| CandidateKind::Component(u8::try_from(place).unwrap_or(u8::MAX)))
+                .collect(),
         }
     }
 }

@@ -63,7 +63,7 @@ impl Makes {
             CandidateKind::MarginalRecovery => Self::MarginalRecovery,
             CandidateKind::Listed(_) => Self::Listed,
             // No recipe makes one.
-            CandidateKind::Mutant => Self::Plain,
+            CandidateKind::Mutant | CandidateKind::Component(_) => Self::Plain,
         }
     }
 }

@@ -68,6 +68,7 @@ impl<'a> PackageDraft<'a> {
             manifest: self.manifest(values)?,
             submission: self.submission(summary),
             params: self.space.text(values),
+            component: None,
         };
         Ok(Capability::load(&format!("{}-refined", self.baseline.id().family), package)?)
     }
@@ -225,7 +226,8 @@ mod tests {
     fn a_folder_that_is_there_stays() {
         let out = tempfile::tempdir().unwrap();
         let text = |name: &str| name.to_owned();
-        let package = Package { manifest: text("m"), submission: text("s"), params: text("p") };
+        let package =
+            Package { manifest: text("m"), submission: text("s"), params: text("p"), component: None };
         let folder = out.path().join("grasp-refined");
         write(&package, out.path(), &folder).unwrap();
         assert_eq!(fs::read_to_string(folder.join("params.toml")).unwrap(), "p");

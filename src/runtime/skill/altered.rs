@@ -288,6 +288,10 @@ impl SkillBundle for AlteredBundle {
         self.inner.task()
     }
 
+    fn refused_form(&self) -> bool {
+        self.inner.refused_form()
+    }
+
     fn start(&self, seed: u64) -> Box<dyn Skill> {
         Box::new(AlteredRun::new(self.inner.start(seed), Arc::clone(&self.alterations), seed))
     }

@@ -422,6 +422,7 @@ impl TaskRun {
 }
 
 /// Whether two commands are the same to the bit; the zeros of either sign are equal and not the same.
-fn is_same(one: &Command, other: &Command) -> bool {
+#[must_use]
+pub fn is_same(one: &Command, other: &Command) -> bool {
     one == other && (*one == Command::Hold || format!("{one:?}") == format!("{other:?}"))
 }

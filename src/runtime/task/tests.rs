@@ -235,7 +235,13 @@ fn who_runs_out_of_time_counts_as_an_anomaly() {
     let watcher = Watcher::new(TaskKind::Grasp, WatchLimits::default());
     for timeout in [false, true] {
         let mut record = TaskRecord { timeout, ..TaskRecord::invalid(TaskKind::Grasp, 1) };
-        close(&mut record, &watcher, &AttemptCounter::new(TaskKind::Grasp), &guard(), 9);
+        close(
+            &mut record,
+            &watcher,
+            &AttemptCounter::new(TaskKind::Grasp),
+            (&guard(), Confined::default()),
+            9,
+        );
         assert_eq!(record.anomaly, timeout);
     }
 }

@@ -139,10 +139,16 @@ fn observation(seen: &types::Observation) -> Observation {
 fn command(asked: Command) -> types::Command {
     match asked {
         Command::Hold => types::Command::Hold,
-        Command::ToolPose { pose: Pose { position: [x, y, z], rotation: [qx, qy, qz, qw] }, max_speed_m_s } => {
+        Command::ToolPose {
+            pose: Pose { position: [x, y, z], rotation: [qx, qy, qz, qw] },
+            max_speed_m_s,
+        } => {
             let position = types::Vector { x, y, z };
             let rotation = types::Quaternion { x: qx, y: qy, z: qz, w: qw };
-            types::Command::ToolPose(types::ToolPose { pose: types::Pose { position, rotation }, max_speed_m_s })
+            types::Command::ToolPose(types::ToolPose {
+                pose: types::Pose { position, rotation },
+                max_speed_m_s,
+            })
         }
         Command::Joints { q, max_speed_rad_s } => {
             types::Command::Joints(types::JointMove { q: joints(&q), max_speed_rad_s })

@@ -1,7 +1,9 @@
 //! A grasp: open, look, approach from above, look again, descend, close, lift.
 
 use holdpoint_sdk::serde::Deserialize;
-use holdpoint_sdk::{Bundle, Command, Description, FailureSignal, Hook, Observation, Pose, Skill, TICK_SECS, TaskKind};
+use holdpoint_sdk::{
+    Bundle, Command, Description, FailureSignal, Hook, Observation, Pose, Skill, TICK_SECS, TaskKind,
+};
 
 /// `params.toml`.
 #[derive(Clone, Deserialize)]
@@ -65,7 +67,9 @@ impl Grasp {
     }
 
     fn look(&mut self, seen: &Observation) {
-        let Some(picture) = seen.object.filter(|picture| self.sequence != Some(picture.sequence)) else { return };
+        let Some(picture) = seen.object.filter(|picture| self.sequence != Some(picture.sequence)) else {
+            return;
+        };
         let ([px, py, pz], [x, y, z, w]) = (picture.pose.position, picture.pose.rotation);
         let heading = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
         let values = [px, py, pz, (4.0 * heading).sin(), (4.0 * heading).cos()];

@@ -1,0 +1,183 @@
+//! The same code compiled in and as a component, beside each other in every tick: whether they ask for the same, and what a
+//! tick of each costs.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use holdpoint_body::{Command, Observation};
+use holdpoint_engine::cell::Cell;
+use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::component::ComponentBytes;
+use holdpoint_governance::manifest::Bundle;
+use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_runtime::skill::{Confined, Hook, Skill};
+use holdpoint_runtime::task::{self, Supervision, is_same};
+use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimError;
+use holdpoint_sim::episode::EpisodeSetup;
+
+/// The engine's own controllers as a component.
+pub const CONTROLLERS: &[u8] = include_bytes!("../sdk/prebuilt/controllers.wasm");
+
+/// A version as it is, with a component in place of the controller that is compiled in.
+///
+/// # Errors
+/// As [`Capability::load`]; the component's size included.
+pub fn with_code(version: &Capability, component: &[u8]) -> Result<Capability, PackageError> {
+    let mut package = (*version.package).clone();
+    let native = String::from(version.manifest.deployment.bundle.clone());
+    if matches!(version.manifest.deployment.bundle, Bundle::Native(_)) {
+        package.manifest = package.manifest.replace(&native, "skill.wasm");
+    }
+    let file = "skill.wasm".to_owned();
+    package.component = Some(
+        ComponentBytes::new(component.to_vec())
+            .map_err(|source| PackageError::ComponentTooLarge { file, source })?,
+    );
+    Capability::load("with-code", package)
+}
+
+/// What two runs of each tick came to.
+#[derive(Clone, Debug, Default)]
+pub struct Sameness {
+    pub episodes: u64,
+    /// Ticks in which both were asked.
+    pub ticks: u64,
+    /// Ticks in which they asked for different commands.
+    pub differing: u64,
+    /// What a tick took, us, in the order they were worked.
+    pub native_us: Vec<f64>,
+    pub component_us: Vec<f64>,
+    /// What the component used, and how it failed.
+    pub confined: Confined,
+}
+
+/// One run that is two: the first's commands are given, both are asked.
+struct Both {
+    native: Box<dyn Skill>,
+    component: Box<dyn Skill>,
+    found: Arc<Mutex<Sameness>>,
+}
+
+impl Skill for Both {
+    fn tick(&mut self, seen: &Observation) -> Command {
+        let before = Instant::now();
+        let asked = self.native.tick(seen);
+        let between = Instant::now();
+        let component = self.component.tick(seen);
+        let after = Instant::now();
+        let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
+        found.ticks += 1;
+        found.differing += u64::from(!is_same(&asked, &component));
+        found.native_us.push((between - before).as_secs_f64() * 1e6);
+        found.component_us.push((after - between).as_secs_f64() * 1e6);
+        let confined = self.component.confined();
+        found.confined.fuel_tick_max = found.confined.fuel_tick_max.max(confined.fuel_tick_max);
+        found.confined.memory_bytes = found.confined.memory_bytes.max(confined.memory_bytes);
+        found.confined.fault = found.confined.fault.or(confined.fault);
+        asked
+    }
+
+    fn enter(&mut self, hook: Hook) {
+        self.native.enter(hook);
+        self.component.enter(hook);
+    }
+}
+
+/// Works episodes of the sandbox with both.
+///
+/// # Errors
+/// If the cell fails.
+pub fn compare(
+    (cell, terms): (&Cell, &SkillTerms),
+    native: &Capability,
+    component: &Capability,
+    seeds: impl IntoIterator<Item = u64>,
+) -> Result<Sameness, SimError> {
+    let found = Arc::new(Mutex::new(Sameness::default()));
+    let mut worker = Worker::new();
+    let task = native.bundle.task();
+    for seed in seeds {
+        let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
+        let arm = worker.arm(cell, &setup)?;
+        let bundle_seed = terms.bundle_seed(seed);
+        let both = Both {
+            native: native.start(bundle_seed),
+            component: component.start(bundle_seed),
+            found: Arc::clone(&found),
+        };
+        let guard = terms.guard(&native.manifest.permissions);
+        let task_terms = terms.task(task, seed, native.abort_secs());
+        task::run(&mut arm.handle(), Box::new(both), guard, &task_terms, &mut |_, _| Supervision::Continue)?;
+        found.lock().unwrap_or_else(PoisonError::into_inner).episodes += 1;
+    }
+    let found = found.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, Purpose, episode_seed};
+    use holdpoint_governance::policy::PolicyTable;
+    use holdpoint_governance::profile::{Profile, ProfileName};
+
+    use crate::experiment::candidate::{Setting, Thresholds, take};
+    use holdpoint_engine::Experiment;
+    use holdpoint_registry::{KeptCells, KeptSecret};
+
+    use super::*;
+
+    /// Through all stages to the last live task: every decision with its reasons and numbers, what was worked, and how the cell
+    /// fared afterwards.
+    #[test]
+    fn the_same_code_is_decided_alike_compiled_in_and_as_a_component() {
+        let cell = Cell::builtin().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh().unwrap());
+        let setting = Setting {
+            cell: &cell,
+            profile: ProfileName::Sim,
+            seed: CALIBRATION_FROM_RUN,
+            cells: &cells,
+            experiment: Experiment::default(),
+            thresholds: Thresholds::AsTheyAre,
+        };
+        let native = holdpoint_engine::embedded::package("grasp-improved").unwrap();
+        let native = Capability::load("grasp", native).unwrap();
+        let component = with_code(&native, CONTROLLERS).unwrap();
+        let one = take(&setting, "grasp", (*native.package).clone()).unwrap();
+        let other = take(&setting, "grasp", (*component.package).clone()).unwrap();
+        assert!(one.stages.len() > 3, "{one:?}");
+        assert_eq!(one, other);
+    }
+
+    #[test]
+    fn a_controller_as_a_component_asks_for_the_same_bit_for_bit() {
+        let cell = Cell::builtin().unwrap();
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let seeds = (0..6).map(|place| episode_seed(CALIBRATION_FROM_RUN, Purpose::Perturbation, place));
+        let seeds: Vec<u64> = seeds.collect();
+        for version in holdpoint_engine::embedded::baselines().unwrap() {
+            if version.id().family.as_str() == "park" {
+                continue;
+            }
+            let component = with_code(&version, CONTROLLERS).unwrap();
+            assert_eq!(component.bundle.interface(), version.bundle.interface(), "{}", version.id());
+            assert_ne!(component.digest(), version.digest());
+            let found = compare((&cell, &terms), &version, &component, seeds.iter().copied()).unwrap();
+            assert!(found.ticks > 1_000, "{}", found.ticks);
+            assert_eq!(
+                found.differing,
+                0,
+                "{} of {} ticks of {}",
+                found.differing,
+                found.ticks,
+                version.id()
+            );
+            assert_eq!(found.confined.fault, None);
+            assert!(found.confined.fuel_tick_max > 0);
+        }
+    }
+}
