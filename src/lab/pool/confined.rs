@@ -82,9 +82,48 @@ fn numbers(kind: Kind, stream: &mut Stream) -> [f64; 4] {
 mod tests {
     use std::collections::BTreeSet;
 
+    use holdpoint_engine::Experiment;
+    use holdpoint_engine::cell::Cell;
+    use holdpoint_engine::embedded;
+    use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+    use holdpoint_governance::lifecycle::Stage;
+    use holdpoint_governance::profile::ProfileName;
+    use holdpoint_registry::{KeptCells, KeptSecret};
+    use holdpoint_runtime::capability::Capability;
+
     use super::super::Preset;
     use super::super::generate::{Order, draw};
     use super::*;
+    use crate::experiment::candidate::{Setting, Thresholds, take};
+    use crate::same_code::with_code;
+
+    /// What traps, computes for ever, or takes more memory in its work does none of it to the engine: the sandbox ends
+    /// with a decision, and no live task is worked by it.
+    #[test]
+    fn what_fails_in_its_code_is_refused_in_the_sandbox() {
+        let cell = Cell::builtin().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh().unwrap());
+        let setting = Setting {
+            cell: &cell,
+            profile: ProfileName::Sim,
+            seed: CALIBRATION_FROM_RUN,
+            cells: &cells,
+            experiment: Experiment::default(),
+            thresholds: Thresholds::AsTheyAre,
+        };
+        let native = embedded::package("grasp-improved").unwrap();
+        let native = Capability::load("grasp", native).unwrap();
+        for (kind, number) in [(Kind::Trap, 150.0), (Kind::BusyLoop, 150.0), (Kind::MemoryGrowth, 4_096.0)] {
+            let code = block::patched(FAULTS, kind, [number, 0.0, 0.0, 0.0]).unwrap();
+            let version = with_code(&native, &code).unwrap();
+            let end = take(&setting, "grasp", (*version.package).clone()).unwrap();
+            let last = end.stages.last().unwrap();
+            assert_eq!(last.stage, Stage::Sandbox.into(), "{kind:?}: {end:?}");
+            assert_eq!(end.effort.live, 0, "{kind:?}");
+            assert!(!last.reasons.is_empty(), "{kind:?}");
+        }
+    }
 
     /// Every one loads (the generator checks it), no two have the same code, and nothing outside the component tells them apart.
     #[test]

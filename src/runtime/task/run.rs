@@ -115,6 +115,20 @@ impl TaskRun {
         Some(Self { terms: self.terms, skill, guard: self.guard.clone(), progress: self.progress.clone() })
     }
 
+    /// Puts another skill in the place of its own.
+    #[cfg(test)]
+    pub(super) fn replace_skill(&mut self, with: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>) {
+        struct Nobody;
+        impl Skill for Nobody {
+            fn tick(&mut self, _: &Observation) -> Command {
+                Command::Hold
+            }
+            fn enter(&mut self, _: crate::skill::Hook) {}
+        }
+        let own = std::mem::replace(&mut self.skill, Box::new(Nobody));
+        self.skill = with(own);
+    }
+
     /// What it is at.
     #[must_use]
     pub const fn stage(&self) -> TaskStage {

@@ -15,6 +15,7 @@ use holdpoint_sim::world::World;
 use super::*;
 use crate::arm::Arm;
 use crate::capability::Capability;
+use crate::recovery::StoppedBy;
 use crate::skill::Hook;
 use crate::terms::SkillTerms;
 
@@ -244,4 +245,70 @@ fn who_runs_out_of_time_counts_as_an_anomaly() {
         );
         assert_eq!(record.anomaly, timeout);
     }
+}
+
+/// A shipped version whose confined code fails in a tick of its work, or in the first of its hook.
+struct Failing {
+    inner: Box<dyn Skill>,
+    fault: CodeFault,
+    /// Ticks it still answers.
+    left: u64,
+    in_hook: bool,
+    failed: bool,
+}
+
+impl Skill for Failing {
+    fn tick(&mut self, seen: &Observation) -> Command {
+        self.failed |= self.left == 0;
+        self.left = self.left.saturating_sub(1);
+        if self.failed { Command::Hold } else { self.inner.tick(seen) }
+    }
+    fn enter(&mut self, hook: Hook) {
+        self.failed |= self.in_hook;
+        self.inner.enter(hook);
+    }
+    fn confined(&self) -> Confined {
+        Confined { fuel_tick_max: 7, memory_bytes: 9, fault: self.failed.then_some(self.fault) }
+    }
+}
+
+/// Works a grasp whose code fails so, with an abort in a tick; 0 for none.
+fn failing(fault: CodeFault, left: u64, in_hook: bool, stop_at: u64) -> Result<TaskRecord, BodyError> {
+    let (mut arm, mut run) = shipped("grasp", 1_200_003);
+    run.replace_skill(|inner| Box::new(Failing { inner, fault, left, in_hook, failed: false }));
+    run.finish(&mut arm.handle(), &mut stopping_at(stop_at))
+}
+
+#[test]
+fn code_that_fails_ends_the_task_as_failed_and_the_arm_is_stopped_without_it() {
+    for (fault, overdraws) in [
+        (CodeFault::Trap, false),
+        (CodeFault::Answer, false),
+        (CodeFault::Fuel, true),
+        (CodeFault::Memory, true),
+    ] {
+        let record = failing(fault, 200, false, 0).unwrap();
+        assert_eq!(record.fault, Some(fault));
+        assert!(!record.success && record.anomaly && record.recovery && !record.invalid, "{record:?}");
+        assert_eq!(record.violation, overdraws, "{fault:?}: {:?}", record.hits);
+        let report = record.recovered.unwrap();
+        assert_eq!(report.stopped_by, StoppedBy::Interrupt, "no hook of it is believed");
+        assert_eq!(record.used.faults.get(&fault), Some(&1));
+        assert_eq!((record.used.fuel_tick_max, record.used.memory_max_bytes), (7, 9));
+    }
+}
+
+#[test]
+fn code_that_fails_in_its_hook_has_not_stopped_the_arm() {
+    let record = failing(CodeFault::Trap, u64::MAX, true, 333).unwrap();
+    assert_eq!(record.fault, Some(CodeFault::Trap));
+    assert_eq!(record.recovered.unwrap().stopped_by, StoppedBy::Interrupt);
+    let sound = failing(CodeFault::Trap, u64::MAX, false, 333).unwrap();
+    assert_eq!((sound.fault, sound.recovered.unwrap().stopped_by), (None, StoppedBy::Hook));
+}
+
+#[test]
+fn a_machine_that_stalls_says_nothing_of_the_code() {
+    let error = failing(CodeFault::Machine, 200, false, 0).unwrap_err();
+    assert!(matches!(error, BodyError::Failed(_)), "{error:?}");
 }
