@@ -9,6 +9,7 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use super::words::seconds;
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// Content that a sentence is made from, bytes; a longer one is named by its kind.
@@ -202,10 +203,14 @@ impl Told<'_> {
         text.map_or_else(String::new, |text| format!("{before}{text}"))
     }
 
-    /// The first reason's words.
+    /// The words of the reason that tells what was found.
     fn why(&self) -> String {
-        let reasons = self.find("reasons").and_then(Value::as_array);
-        let first = reasons.and_then(|reasons| reasons.first());
+        let reasons = self.find("reasons").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+        let tells = |reason: &&Value| {
+            let code = reason.get("code").and_then(|code| code.as_str()?.parse::<ReasonCode>().ok());
+            code.is_none_or(ReasonCode::tells_what_was_found)
+        };
+        let first = reasons.iter().find(tells).or_else(|| reasons.first());
         let text = first.and_then(|reason| reason.get("text").unwrap_or(reason).as_str());
         text.map_or_else(String::new, |text| {
             format!(": {}", text.chars().take(VALUE_CHARS).collect::<String>())
@@ -466,6 +471,13 @@ mod tests {
             ),
             (
                 RecordKind::Asked,
+            (
+                RecordKind::Decision,
+                json!({ "stage": "sandbox", "outcome": "reject", "reasons": [
+                    { "code": "behavior-ended-early", "text": "ended after 24 of 120" },
+                    { "code": "behavior-established-worse", "text": "violation is worse" }] }),
+                "sandbox: decided reject: violation is worse",
+            ),
                 json!({ "asked": "register", "caller": { "user": "root", "process": 12 } }),
                 "root asked for register (process 12)",
             ),

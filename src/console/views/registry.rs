@@ -19,7 +19,7 @@ use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::{duration, kappa_sign, reason_line, standing};
-use holdpoint_governance::decision::Dimension;
+use holdpoint_governance::decision::{Dimension, telling};
 use holdpoint_governance::record::VersionSummary;
 
 /// Lines for what is said of the version under the cursor.
@@ -141,10 +141,10 @@ fn header(columns: &Columns, has_age: bool, sort: SortOrder, look: &Look) -> Row
 fn beside(model: &Model, row: &VersionSummary, columns: &Columns) -> Row {
     let by = format!("{}, {}, {}", super::short(&row.author, 14), row.provenance, row.risk);
     let room = columns.by.saturating_sub(1);
-    let reason = model.candidate(&row.version).and_then(|candidate| candidate.reasons.first());
+    let reason = model.candidate(&row.version).and_then(|candidate| telling(&candidate.reasons));
     Row::new()
         .cell(ThemeRole::Muted, &super::short(&by, room), columns.by)
-        .with(ThemeRole::Text, &reason.map(reason_line).unwrap_or_default())
+        .with(ThemeRole::Text, &reason.map(ToString::to_string).unwrap_or_default())
 }
 
 fn version(
