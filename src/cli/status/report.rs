@@ -297,7 +297,7 @@ pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
             line.push_str(&format!(": {}", stop.reason));
         }
     }
-    line.push_str("; `holdpoint go` lets it work again");
+    line.push_str(&format!("; `holdpoint go --stops {}` says that all of it is known", stopped.stops));
     line
 }
 
