@@ -161,6 +161,7 @@ fn view(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         (View::Overview, _) => return work(model, pen, inside),
         (View::Shadow, MONITORS_PANE) => return super::shadow::monitor_rows(model, pen, inside),
         (View::Shadow, 0) => return shadow(model, pen, inside),
+        (View::Health, _) => return super::health::draw_small(model, pen, inside),
         _ => {}
     }
     let rows = rows(model, pen, usize::from(inside.width));
@@ -222,10 +223,7 @@ fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
             let said = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
             model.disagreement_rows().iter().map(said).collect()
         }
-        View::Health => {
-            vec![Row::of(ThemeRole::Muted, "A larger window shows it; `holdpoint health` prints it")]
-        }
-        View::Overview => Vec::new(),
+        View::Health | View::Overview => Vec::new(),
     }
 }
 
