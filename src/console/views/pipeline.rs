@@ -39,6 +39,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let block = |index: usize, candidate: &CandidateView| {
         let headway = model.told.headway.get(&candidate.version);
         let mut rows = rows(candidate, headway, model.engine_ms(), look, width, index == cursor);
+        if model.place.marked_versions.contains(&candidate.version)
+            && let Some(head) = rows.first_mut()
+        {
+            *head = super::registry::lead(true, true, look).and(head.clone());
+        }
         if let Some(text) = model.told.snapshot.as_deref().and_then(|now| waits_for(now, candidate)) {
             // Below name and stages, before what was decided earlier.
             rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
@@ -289,11 +294,6 @@ mod tests {
         );
     }
 
-    #[test]
-    fn a_version_that_was_confirmed_stays_so_after_a_rollback() {
-        let confirmed = candidate("rolled-back", "active", true);
-        let marks = [MONITOR_PLACE, MONITOR_PLACE + 1].map(|place| stage_mark(&confirmed, place));
-        assert_eq!(marks, [Mark::FAILED, Mark::DONE]);
     /// How an evaluation ended tells nobody what was wrong.
     #[test]
     fn a_rejected_candidate_says_what_was_wrong_with_it() {
@@ -319,5 +319,10 @@ mod tests {
         assert!(said.iter().all(|row| !row.contains("ended after")), "{said:?}");
     }
 
+    #[test]
+    fn a_version_that_was_confirmed_stays_so_after_a_rollback() {
+        let confirmed = candidate("rolled-back", "active", true);
+        let marks = [MONITOR_PLACE, MONITOR_PLACE + 1].map(|place| stage_mark(&confirmed, place));
+        assert_eq!(marks, [Mark::FAILED, Mark::DONE]);
     }
 }

@@ -103,7 +103,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         }
         Some(RegistryItem::Version(row)) => {
             let flat = model.told.registry.is_flat();
-            let line = version(row, flat, limits, has_age.then_some(now_ms), &columns, look);
+            let marked = model.place.marked_versions.contains(&row.version);
+            let line = version(row, (flat, marked), limits, has_age.then_some(now_ms), &columns, look);
             if columns.by > 0 { line.and(beside(model, row, &columns)) } else { line }
         }
         None => Row::new(),
@@ -149,7 +150,7 @@ fn beside(model: &Model, row: &VersionSummary, columns: &Columns) -> Row {
 
 fn version(
     row: &VersionSummary,
-    flat: bool,
+    (flat, marked): (bool, bool),
     limits: [f64; 4],
     now_ms: Option<u64>,
     columns: &Columns,
@@ -157,9 +158,11 @@ fn version(
 ) -> Row {
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
     // In one list a version's family is no heading above it.
-    let name = if flat { row.version.to_string() } else { format!("  {}{baseline}", row.version.version) };
-    let mut line = Row::new()
-        .cell(ThemeRole::Text, &name, columns.name)
+    let name = if flat { row.version.to_string() } else { format!("{}{baseline}", row.version.version) };
+    let lead = lead(marked, flat, look);
+    let room = columns.name.saturating_sub(lead.width());
+    let mut line = lead
+        .cell(ThemeRole::Text, &name, room)
         .and(super::stands(row.state, &row.flags, columns.state, look))
         .to_column(columns.name + columns.state)
         .with(ThemeRole::Text, " ");
@@ -180,6 +183,18 @@ fn version(
         return line.with(ThemeRole::Muted, &age);
     }
     line.cell(ThemeRole::Muted, &age, AGE_WIDTH + 3)
+}
+
+/// What stands before a version's name: its mark, or the room that a tree's branch has.
+#[must_use]
+pub fn lead(marked: bool, flat: bool, look: &Look) -> Row {
+    if marked {
+        Row::of(ThemeRole::Focus, look.glyph(Glyph::Neutral)).with(ThemeRole::Text, " ")
+    } else if flat {
+        Row::new()
+    } else {
+        Row::of(ThemeRole::Text, "  ")
+    }
 }
 
 /// How long ago, in the largest unit that fits: [`AGE_WIDTH`] columns at most.

@@ -207,7 +207,9 @@ fn shadow(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let look = pen.look;
     match model.place.view {
-        View::Registry => model.registry_rows().iter().map(|item| registry(item, pen, width)).collect(),
+        View::Registry => {
+            model.registry_rows().iter().map(|item| registry(model, item, pen, width)).collect()
+        }
         View::Candidate => {
             let rows = model.candidate_rows(model.place.pane());
             let first = |row| super::candidate_rows::item(row, look, width).into_iter().next();
@@ -227,15 +229,18 @@ fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     }
 }
 
-fn registry(item: &RegistryItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
+fn registry(model: &Model, item: &RegistryItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
     match item {
         RegistryItem::Family { family, versions, open } => {
             let glyph = pen.look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
             Row::of(ThemeRole::Title, &format!("{glyph} {family}"))
                 .with(ThemeRole::Muted, &format!("  {versions}"))
         }
-        RegistryItem::Version(row) => Row::new()
-            .cell(ThemeRole::Text, &format!("  {}", row.version.version), 10)
-            .and(super::stands(row.state, &row.flags, width.saturating_sub(12), pen.look)),
+        RegistryItem::Version(row) => {
+            let marked = model.place.marked_versions.contains(&row.version);
+            super::registry::lead(marked, false, pen.look)
+                .cell(ThemeRole::Text, &row.version.version.to_string(), 8)
+                .and(super::stands(row.state, &row.flags, width.saturating_sub(12), pen.look))
+        }
     }
 }
