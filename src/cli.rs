@@ -117,8 +117,10 @@ pub enum Verb {
     /// Approves a candidate that waits for approval.
     Approve(decide::ApproveArgs),
     /// Rejects a candidate.
+    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Reject(decide::VersionArgs),
     /// Rolls a family back to its predecessor.
+    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Rollback(decide::FamilyArgs),
     /// Stops the arm at once, whatever is under way; `go` lets it work again.
     Stop(stop::StopArgs),
@@ -129,10 +131,12 @@ pub enum Verb {
     /// Leaves a note for those who come after.
     Note(stop::NoteArgs),
     /// Sends a version back to evaluation, or closes profiles to it.
+    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Demote(decide::DemoteArgs),
     /// Runs sandbox or shadow of a version again.
     Repeat(decide::RepeatArgs),
     /// Tightens the envelope of an active version.
+    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Restrict(decide::VersionArgs),
     /// Lifts the restriction of an active version, or opens closed profiles.
     Release(decide::ReleaseArgs),
@@ -143,6 +147,7 @@ pub enum Verb {
     /// Emergency: one person lets a version in alone; two others review it.
     BreakGlass(decide::BreakGlassArgs),
     /// Pauses the pipeline; reject, demote and rollback still work.
+    #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Pause(decide::PauseArgs),
     /// Resumes a paused pipeline.
     Resume(decide::PauseArgs),

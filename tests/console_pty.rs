@@ -230,7 +230,7 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     assert!(!console.raw().contains("oak") && !console.raw().contains("under"), "{}", console.raw());
     // A verb that signs asks, and says what is wrong.
     home.must(&["stop"]);
-    let go = || home.console(&["go", "--as", "mara", "--reason", "checked"], SIZE);
+    let go = || home.console(&["go", "--as", "mara", "--stops", "1", "--reason", "checked"], SIZE);
     let mut console = go();
     console.wait_for_text("Passphrase of mara:");
     console.keys("under the elm\r");

@@ -25,6 +25,7 @@ pub const LIST_MAX: u32 = 10_000;
 #[command(after_help = "\
 Examples:
   holdpoint audit list --subject grasp@1.3.0
+  holdpoint audit list --kind shift-note
   holdpoint audit verify --all
   holdpoint audit proof 120 --out record-120.json
   holdpoint audit witness add /mnt/witness
@@ -38,10 +39,12 @@ pub struct AuditArgs {
 /// What can be done with the audit log.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum AuditVerb {
-    /// Lists records, the newest first.
+    /// Lists records, the newest first: all but the seals of telemetry, which are the most by far.
     #[command(after_help = "\
-Example:
-  holdpoint audit list --subject grasp@1.3.0 --limit 20")]
+Examples:
+  holdpoint audit list --subject grasp@1.3.0 --limit 20
+  holdpoint audit list --kind shift-note
+  holdpoint audit list --all")]
     List {
         /// About exactly this family or version only.
         #[arg(long, value_name = "FAMILY[@VERSION]")]
@@ -49,6 +52,9 @@ Example:
         /// Of this kind only.
         #[arg(long)]
         kind: Option<RecordKind>,
+        /// The seals of telemetry as well.
+        #[arg(long, conflicts_with = "kind")]
+        all: bool,
         /// How many at most.
         #[arg(long, value_name = "N", default_value_t = 50,
               value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
@@ -110,15 +116,16 @@ Example:
 /// [`CliError`].
 pub fn run(context: &CliContext, args: &AuditArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match &args.verb {
-        AuditVerb::List { subject, kind, limit } => {
+        AuditVerb::List { subject, kind, all, limit } => {
+            let seals = RecordKind::SEALS.into_iter().filter(|_| kind.is_none() && !all);
             let filter = AuditFilter {
                 from_seq: 0,
                 before_seq: None,
                 kind: *kind,
+                without: seals.collect(),
                 subject: subject.clone(),
                 limit: *limit as usize,
                 newest_first: true,
-                ..AuditFilter::default()
             };
             list(&data::open(&context.data)?, &filter, out)?;
         }
@@ -162,8 +169,15 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(),
     if out.is_json() {
         return records.iter().try_for_each(|record| out.json(record));
     }
+    let rest = |out: &mut Output<'_>| {
+        if filter.without.is_empty() {
+            return Ok(());
+        }
+        out.line("seals of telemetry are left out; --all lists them too")
+    };
     if records.is_empty() {
-        return out.line("no records");
+        out.line("no records")?;
+        return rest(out);
     }
     let mut table = Table::new(&["seq", "time", "kind", "subject", "hash"]);
     for record in &records {
@@ -176,7 +190,8 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut Output<'_>) -> Result<(),
             record.hash.short(),
         ]);
     }
-    out.table(&table)
+    out.table(&table)?;
+    rest(out)
 }
 
 fn export_to(views: &Views, from_seq: u64, sink: &mut dyn std::io::Write) -> Result<u64, CliError> {

@@ -34,6 +34,9 @@ use holdpoint_text::{Untrusted, is_visible};
 /// The longest reason, in bytes.
 pub const REASON_BYTES_MAX: usize = 1_000;
 
+/// What the help of verbs that take authority away says of who asks: nobody must look for an identity first.
+pub(super) const ANY_NAME: &str = "Who asks for it; it takes authority away, so any name will do";
+
 /// One decision that was asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AskedDecision {
@@ -74,7 +77,7 @@ pub enum AskedDecision {
 /// Who decides, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct SigningArgs {
-    /// The identity that signs (see `holdpoint identity`); a verb that only stops something takes any name.
+    /// The identity that answers for it and signs (see `holdpoint identity`).
     #[arg(long = "as", value_name = "IDENTITY", value_parser = parse_identity)]
     pub identity: String,
     /// Why; goes into the audit log.

@@ -13,7 +13,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::recordings;
-use holdpoint_recordings::folder::{self, Filed};
+use holdpoint_recordings::folder::{self, Filed, NoFile, Shelf};
 use holdpoint_recordings::record::{FileCheck, OnRecord};
 pub(super) use holdpoint_registry::size;
 use holdpoint_registry::{Layout, Views};
@@ -88,15 +88,20 @@ pub fn run(context: &CliContext, args: &RecordingsArgs, out: &mut Output<'_>) ->
     let views = super::data::open(&context.data)?;
     let folder = Layout::new(&context.data).recordings();
     match &args.verb {
-        RecordingsVerb::List => list(&shelved(&folder)?, &on_record(&views)?, out),
-        RecordingsVerb::Verify => verify(&shelved(&folder)?, &on_record(&views)?, out),
+        RecordingsVerb::List => list(&look(&folder)?, &on_record(&views)?, out),
+        RecordingsVerb::Verify => verify(&look(&folder)?, &on_record(&views)?, out),
         RecordingsVerb::Prune(args) => remove(context, &views, &folder, args, out),
     }
 }
 
 /// The recordings in a folder.
 pub(super) fn shelved(folder: &Path) -> Result<Vec<Filed>, CliError> {
-    folder::list(folder)
+    Ok(look(folder)?.files)
+}
+
+/// What lies in a folder under names of recordings.
+fn look(folder: &Path) -> Result<Shelf, CliError> {
+    folder::look(folder)
         .map_err(|error| CliError::usage(format!("cannot read the recordings in {folder:?}: {error}")))
 }
 
@@ -110,7 +115,8 @@ pub(super) fn check(filed: &Filed, record: &OnRecord) -> Result<FileCheck, CliEr
     record.check(filed).map_err(|error| CliError::usage(format!("cannot read {:?}: {error}", filed.path)))
 }
 
-fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
+fn list(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let Shelf { files, no_files } = shelf;
     let row = |filed: &Filed| {
         let recorded = record.recorded(&filed.file);
         json!({
@@ -125,11 +131,14 @@ fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit
     };
     if out.is_json() {
         files.iter().try_for_each(|filed| out.json(&row(filed)))?;
+        for NoFile { name, what } in no_files {
+            out.json(&json!({ "file": name, "no_file": what }))?;
+        }
         return Ok(Exit::Confirmed);
     }
     if files.is_empty() {
         out.line("no recordings")?;
-        return Ok(Exit::Confirmed);
+        return passed_over(no_files, out);
     }
     let mut table = Table::new(&["version", "outcome", "size", "written (UTC)", "on record", "file"]);
     for filed in files {
@@ -149,6 +158,14 @@ fn list(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit
         counted(files.len(), "file"),
         size(files.iter().map(|filed| filed.bytes).sum())
     ))?;
+    passed_over(no_files, out)
+}
+
+/// Says what has a recording's name and is none.
+fn passed_over(no_files: &[NoFile], out: &mut Output<'_>) -> Result<Exit, CliError> {
+    for NoFile { name, what } in no_files {
+        out.line(&format!("passed over: {name} is {what}, and no recording"))?;
+    }
     Ok(Exit::Confirmed)
 }
 
@@ -163,7 +180,8 @@ struct RecordingFindings {
 /// A file that the chain has no digest of.
 const NOT_ON_RECORD: &str = "not on record";
 
-fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
+fn verify(shelf: &Shelf, record: &OnRecord, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    let Shelf { files, no_files } = shelf;
     let mut found = Vec::new();
     for filed in files {
         let checked = check(filed, record)?;
@@ -180,11 +198,19 @@ fn verify(files: &[Filed], record: &OnRecord, out: &mut Output<'_>) -> Result<Ex
     }
     let there: BTreeSet<&str> = files.iter().map(|filed| filed.file.as_str()).collect();
     for recorded in record.kept().filter(|recorded| !there.contains(recorded.file.as_str())) {
-        let detail = "it was recorded at closure, and no removal is on record".to_owned();
+        let mut detail = "it was recorded at closure, and no removal is on record".to_owned();
+        if let Some(NoFile { what, .. }) = no_files.iter().find(|one| one.name == recorded.file) {
+            detail.push_str(&format!("; {what} has its name"));
+        }
         found.push(RecordingFindings { file: recorded.file.clone(), word: "MISSING", bad: true, detail });
     }
     let bad = found.iter().filter(|one| one.bad).count();
     let unknown = found.iter().filter(|one| one.word == NOT_ON_RECORD).count();
+    let of_others = |one: &&NoFile| record.kept().all(|recorded| recorded.file != one.name);
+    for NoFile { name, what } in no_files.iter().filter(of_others) {
+        let value = json!({ "file": name, "standing": "no file", "detail": what });
+        out.answer(&value, |out| out.line(&format!("{name}  passed over: it is {what}, and no recording")))?;
+    }
     for one in &found {
         let value = json!({ "file": one.file, "standing": one.word.to_lowercase(), "detail": one.detail });
         let detail = if one.detail.is_empty() { String::new() } else { format!(": {}", one.detail) };

@@ -35,16 +35,17 @@ pub struct StopArgs {
 /// The arguments of `go`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Of a cell that was stopped more than once everybody who stopped it has to be known: who did and why
-is printed, and --stops says how many that are. A stop that comes meanwhile is not let go.
+Whoever lets go has to know of every stop. One of your own is let go at once; of any other who did
+and why is printed, and --stops says how many are known. A stop that comes meanwhile is not let go.
 
 Examples:
   holdpoint go --as mara --reason 'the cell is empty, the fence is closed'
+  holdpoint go --as mara --stops 1 --reason 'the operator of the night is out of the cell'
   holdpoint go --as mara --stops 2 --reason 'both are out of the cell'")]
 pub struct GoArgs {
-    /// How many stops of this standstill are known.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub stops: u64,
+    /// How many stops of this standstill are known; needed where not one alone stopped it, of the same name.
+    #[arg(long, value_name = "N")]
+    pub stops: Option<u64>,
     /// Who answers for it, and why.
     #[command(flatten)]
     pub signature: SigningArgs,
@@ -104,13 +105,14 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> R
     let reason = signature.reason.raw().to_owned();
     let mut side = Side::open(context)?;
     let stopped = side.snapshot()?.stopped;
-    if let Some(stopped) = stopped.as_ref().filter(|stopped| stopped.stops != args.stops && !out.is_json()) {
+    let is_own = stopped.as_ref().is_some_and(|stopped| stopped.stops == 1 && stopped.by == by);
+    let stops = args.stops.unwrap_or(u64::from(is_own));
+    if let Some(stopped) = stopped.as_ref().filter(|stopped| stopped.stops != stops && !out.is_json()) {
         out.line(&stopped_line(stopped))?;
-        out.line(&format!("`holdpoint go --stops {}` says that all of it is known", stopped.stops))?;
     }
     // What comes after this look is not known, and the engine refuses.
     let since_ms = stopped.map_or(0, |stopped| stopped.since_ms);
-    side.carry_out_as(context, &who, Command::Go { by, reason, since_ms, stops: args.stops }, out)
+    side.carry_out_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)
 }
 
 /// Leaves a note for those who come after.

@@ -156,6 +156,8 @@ actions! {
     Sort = "sort", Lists, ["s"];
     /// Turn the order round
     SortReverse = "sort-reverse", Lists, ["S"];
+    /// Mark this alarm or version, or take its mark away; what acknowledges, rejects, holds or copies takes all that are marked
+    Mark = "mark", Lists, ["m"];
     /// Find the next place of what was searched for
     FindNext = "find-next", Lists, ["n"];
     /// Open what is under the cursor; never a side effect
@@ -188,8 +190,6 @@ actions! {
     Rearm = "rearm", Version, ["A"];
     /// Check the whole audit chain
     Verify = "verify", Everywhere, ["v"];
-    /// Mark this alarm, or take its mark away; what acknowledges takes all that are marked
-    Mark = "mark", Alarms, ["m"];
     /// Acknowledge this alarm
     Acknowledge = "acknowledge", Alarms, ["space"];
     /// Shelve this alarm for a time, reason required

@@ -9,6 +9,7 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use super::words::seconds;
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// Content that a sentence is made from, bytes; a longer one is named by its kind.
@@ -28,9 +29,10 @@ pub enum AuditGroup {
     /// What people did and were asked.
     People,
     Alarms,
-    /// The store itself: context, telemetry, recordings, witnesses.
+    /// The store itself: context, recordings, witnesses, telemetry that went. Its seals are so many that nothing else would
+    /// be reached.
     Store,
-    /// Every record.
+    /// Every record; runs of seals are one row.
     All,
 }
 
@@ -97,6 +99,7 @@ const fn is_of_people(kind: RecordKind) -> bool {
             | RecordKind::Asked
             | RecordKind::AlarmReset
             | RecordKind::GoalSet
+            | RecordKind::PaceSet
             | RecordKind::ShiftNote
             | RecordKind::CellStopped
             | RecordKind::CellReleased
@@ -106,23 +109,18 @@ const fn is_of_people(kind: RecordKind) -> bool {
 }
 
 const fn is_of_store(kind: RecordKind) -> bool {
-    is_telemetry(kind)
-        || matches!(
-            kind,
-            RecordKind::ContextSet
-                | RecordKind::ProfileLoaded
-                | RecordKind::TelemetryPruned
-                | RecordKind::TelemetryMissed
-                | RecordKind::KeptVoided
-                | RecordKind::Recording
-                | RecordKind::RecordingRemoved
-                | RecordKind::WitnessSet
-                | RecordKind::StoreRebuilt
-        )
-}
-
-const fn is_telemetry(kind: RecordKind) -> bool {
-    matches!(kind, RecordKind::TelemetrySealed | RecordKind::TelemetryBlockSealed)
+    matches!(
+        kind,
+        RecordKind::ContextSet
+            | RecordKind::ProfileLoaded
+            | RecordKind::TelemetryPruned
+            | RecordKind::TelemetryMissed
+            | RecordKind::KeptVoided
+            | RecordKind::Recording
+            | RecordKind::RecordingRemoved
+            | RecordKind::WitnessSet
+            | RecordKind::StoreRebuilt
+    )
 }
 
 /// A row of the log.
@@ -138,7 +136,8 @@ pub struct AuditItem<'a> {
 #[must_use]
 pub fn rows<'a>(records: impl Iterator<Item = &'a AuditRecord>) -> Vec<AuditItem<'a>> {
     let mut rows: Vec<AuditItem<'a>> = Vec::new();
-    let folds = |record: &AuditRecord| record.kind.known().is_some_and(|kind| is_telemetry(*kind));
+    let folds =
+        |record: &AuditRecord| record.kind.known().is_some_and(|kind| RecordKind::SEALS.contains(kind));
     for record in records {
         match rows.last_mut() {
             Some(last) if folds(last.record) && folds(record) => last.count += 1,
@@ -202,10 +201,14 @@ impl Told<'_> {
         text.map_or_else(String::new, |text| format!("{before}{text}"))
     }
 
-    /// The first reason's words.
+    /// The words of the reason that tells what was found.
     fn why(&self) -> String {
-        let reasons = self.find("reasons").and_then(Value::as_array);
-        let first = reasons.and_then(|reasons| reasons.first());
+        let reasons = self.find("reasons").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+        let tells = |reason: &&Value| {
+            let code = reason.get("code").and_then(|code| code.as_str()?.parse::<ReasonCode>().ok());
+            code.is_none_or(ReasonCode::tells_what_was_found)
+        };
+        let first = reasons.iter().find(tells).or_else(|| reasons.first());
         let text = first.and_then(|reason| reason.get("text").unwrap_or(reason).as_str());
         text.map_or_else(String::new, |text| {
             format!(": {}", text.chars().take(VALUE_CHARS).collect::<String>())
@@ -310,6 +313,10 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
         RecordKind::GoalSet => {
             format!("{} set the goal {}{}", somebody(), told.text("goal")?, told.with(": ", "reason"))
         }
+        RecordKind::PaceSet => match told.find_that("times", |_| true)?.as_f64() {
+            Some(times) => format!("the live cell works {times} simulated seconds in a second"),
+            None => "the live cell works as fast as it computes".to_owned(),
+        },
         RecordKind::ShiftNote => format!("{} notes{}", somebody(), told.with(": ", "text")),
         RecordKind::AlarmReset => format!("{} reset it{}", somebody(), told.with(": ", "reason")),
         RecordKind::Asked => {
@@ -465,6 +472,13 @@ mod tests {
                 "sandbox: decided activate: compatible",
             ),
             (
+                RecordKind::Decision,
+                json!({ "stage": "sandbox", "outcome": "reject", "reasons": [
+                    { "code": "behavior-ended-early", "text": "ended after 24 of 120" },
+                    { "code": "behavior-established-worse", "text": "violation is worse" }] }),
+                "sandbox: decided reject: violation is worse",
+            ),
+            (
                 RecordKind::Asked,
                 json!({ "asked": "register", "caller": { "user": "root", "process": 12 } }),
                 "root asked for register (process 12)",
@@ -479,6 +493,12 @@ mod tests {
                 json!({ "normal": { "tasks": 40 } }),
                 "what is normal for it was measured, over 40 tasks",
             ),
+            (
+                RecordKind::PaceSet,
+                json!({ "times": 10.0 }),
+                "the live cell works 10 simulated seconds in a second",
+            ),
+            (RecordKind::PaceSet, json!({ "times": null }), "the live cell works as fast as it computes"),
             (RecordKind::Recording, json!({ "file": "a.rrd", "bytes": 12 }), "file a.rrd, bytes 12"),
         ] {
             assert_eq!(sentence(&record(kind.into(), &body)), said, "{kind}");
@@ -517,7 +537,7 @@ mod tests {
         );
         assert_eq!(shown(AuditGroup::People), [one(RecordKind::ApprovalPut)]);
         assert_eq!(shown(AuditGroup::Alarms), [one(RecordKind::AlarmChanged)]);
-        assert_eq!(shown(AuditGroup::Store), [("telemetry-block-sealed".to_owned(), 3)]);
+        assert_eq!(shown(AuditGroup::Store), []);
         assert_eq!(shown(AuditGroup::All)[0], ("telemetry-block-sealed".to_owned(), 2));
         assert_eq!(shown(AuditGroup::All).len(), 6);
         for kind in RecordKind::ALL {

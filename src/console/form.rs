@@ -54,6 +54,8 @@ pub enum Intent {
     Goal(String),
     /// Leave a note for those who come after.
     Note,
+    /// The same for each of several versions, which it names: what takes a candidate away, or holds it.
+    Several(Vec<Intent>),
     /// Set an alarm aside.
     Shelve(String),
     /// Close a latched alarm.
@@ -79,8 +81,9 @@ pub enum Abort {
 impl Intent {
     /// The verb on the button.
     #[must_use]
-    pub const fn verb(&self) -> &'static str {
+    pub fn verb(&self) -> &'static str {
         match self {
+            Self::Several(each) => each.first().map_or("", Self::verb),
             Self::Abort(Abort::Active(_)) => "Abort: roll back",
             Self::Abort(Abort::Last(_)) => "Abort: stop the family",
             Self::Abort(Abort::Candidate(_)) => "Abort: hold",
@@ -112,6 +115,7 @@ impl Intent {
     #[must_use]
     pub fn title(&self) -> String {
         match self {
+            Self::Several(each) => format!("{}: {} versions", self.verb(), each.len()),
             Self::Abort(Abort::Active(id)) => format!("Abort {id}: roll it back"),
             Self::Abort(Abort::Last(id)) => format!("Abort {id}: stop the family {}", id.family),
             Self::Abort(Abort::Candidate(id)) => format!("Abort {id}: hold it where it stands"),
@@ -148,16 +152,19 @@ impl Intent {
 
     /// Whether it stops or tightens what acts, or leaves: what is asked for also where no engine is at work here.
     #[must_use]
-    pub const fn stops(&self) -> bool {
-        matches!(
-            self,
-            Self::Abort(_)
-                | Self::Rollback(_)
-                | Self::Vacate(_)
-                | Self::Restrict(_)
-                | Self::Pause(_)
-                | Self::Quit
-        )
+    pub fn stops(&self) -> bool {
+        match self {
+            Self::Several(each) => each.iter().all(Self::stops),
+            _ => matches!(
+                self,
+                Self::Abort(_)
+                    | Self::Rollback(_)
+                    | Self::Vacate(_)
+                    | Self::Restrict(_)
+                    | Self::Pause(_)
+                    | Self::Quit
+            ),
+        }
     }
 
     const fn needs_reason(&self) -> bool {
@@ -238,6 +245,15 @@ impl Confirmed {
     #[must_use]
     pub fn into_command(self) -> Command {
         self.command
+    }
+
+    /// The version it is about, if it names one alone.
+    #[must_use]
+    pub const fn version(&self) -> Option<&CapabilityId> {
+        match &self.command {
+            Command::Reject(operation) | Command::Pause(operation) => Some(&operation.version),
+            _ => None,
+        }
     }
 
     /// Whether it gives or widens authority, so that somebody signs it where a signature is asked for.
@@ -359,16 +375,16 @@ impl Form {
         !self.intent.needs_reason()
     }
 
-    /// The operation, for `who`. Quitting is none of the engine's, and what is submitted is read when it is: `None`.
+    /// The operations, for `who`. Quitting is none of the engine's, and what is submitted is read when it is: none.
     ///
     /// # Errors
     /// What is missing or not allowed, with a hint.
-    pub fn confirm(&self, who: Option<&Operator>) -> Result<Option<Confirmed>, String> {
+    pub fn confirm(&self, who: Option<&Operator>) -> Result<Vec<Confirmed>, String> {
         let by = match (who, &self.intent) {
             (Some(who), _) => who.name.clone(),
             // Stopping needs no name: nobody must look for an identity first.
             (None, Intent::Abort(_)) => "console".to_owned(),
-            (None, Intent::Identity(_) | Intent::Quit) => return Ok(None),
+            (None, Intent::Identity(_) | Intent::Quit) => return Ok(Vec::new()),
             (None, _) => return Err(NOBODY.to_owned()),
         };
         let reason = self.reason.text().trim().to_owned();
@@ -376,52 +392,15 @@ impl Form {
             return Err("a reason is needed, of characters that can be seen".to_owned());
         }
         let minutes = self.minutes()?;
-        let operation = |version: &CapabilityId, reason: &str| Operation {
-            version: version.clone(),
-            by: by.clone(),
-            reason: reason.to_owned(),
+        let each = match &self.intent {
+            Intent::Several(each) => each.as_slice(),
+            one => std::slice::from_ref(one),
         };
-        let aborted = "aborted at the console";
-        let command = match &self.intent {
-            Intent::Abort(Abort::Active(id)) => Command::Rollback(operation(id, aborted)),
-            Intent::Abort(Abort::Last(id)) => Command::Vacate(operation(id, aborted)),
-            Intent::Abort(Abort::Candidate(id)) => Command::Pause(operation(id, aborted)),
-            Intent::Vacate(id) => Command::Vacate(operation(id, &reason)),
-            Intent::Repeat(id) => {
-                Command::Repeat { operation: operation(id, &reason), stage: Stage::Sandbox }
-            }
-            Intent::Release(id) => {
-                Command::Release { operation: operation(id, &reason), profiles: Vec::new() }
-            }
-            Intent::Profile(id, profile, close) => {
-                let (operation, profiles) = (operation(id, &reason), vec![*profile]);
-                if *close {
-                    Command::Demote { operation, profiles }
-                } else {
-                    Command::Release { operation, profiles }
-                }
-            }
-            Intent::Rollback(id) => Command::Rollback(operation(id, &reason)),
-            Intent::Pause(id) => Command::Pause(operation(id, &reason)),
-            Intent::Resume(id) => Command::Resume(operation(id, &reason)),
-            Intent::Reject(id) => Command::Reject(operation(id, &reason)),
-            Intent::Demote(id) => Command::Demote { operation: operation(id, &reason), profiles: Vec::new() },
-            Intent::Restrict(id) => Command::Restrict(operation(id, &reason)),
-            Intent::Continue(id) => Command::Continue(operation(id, &reason)),
-            Intent::Rearm(id) => Command::Rearm(operation(id, &reason)),
-            Intent::Go { since_ms, stops, .. } => {
-                Command::Go { by, reason, since_ms: *since_ms, stops: *stops }
-            }
-            Intent::Note => Command::Note { by, text: reason },
-            Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason },
-            Intent::Shelve(alarm) => {
-                Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason }
-            }
-            Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason },
-            // What is submitted is read when it is.
-            Intent::Register(_) | Intent::Identity(_) | Intent::Quit => return Ok(None),
-        };
-        Ok(Some(Confirmed { command, said: self.intent.title() }))
+        let confirmed = each.iter().filter_map(|intent| {
+            let command = intent.command(&by, &reason, minutes)?;
+            Some(Confirmed { command, said: intent.title() })
+        });
+        Ok(confirmed.collect())
     }
 
     fn minutes(&self) -> Result<u64, String> {
@@ -431,5 +410,55 @@ impl Form {
         let typed = self.minutes.text().trim();
         let minutes = typed.parse::<u64>().ok().filter(|minutes| (1..=SHELVE_MINUTES_MAX).contains(minutes));
         minutes.ok_or_else(|| format!("{typed:?} is not allowed; 1 to {SHELVE_MINUTES_MAX} minutes are"))
+    }
+}
+
+impl Intent {
+    /// The engine's command for it; `None` for what is none of the engine's, and for several.
+    fn command(&self, by: &str, reason: &str, minutes: u64) -> Option<Command> {
+        let operation = |version: &CapabilityId, reason: &str| Operation {
+            version: version.clone(),
+            by: by.to_owned(),
+            reason: reason.to_owned(),
+        };
+        let (by, given) = (by.to_owned(), reason.to_owned());
+        let aborted = "aborted at the console";
+        Some(match self {
+            Intent::Abort(Abort::Active(id)) => Command::Rollback(operation(id, aborted)),
+            Intent::Abort(Abort::Last(id)) => Command::Vacate(operation(id, aborted)),
+            Intent::Abort(Abort::Candidate(id)) => Command::Pause(operation(id, aborted)),
+            Intent::Vacate(id) => Command::Vacate(operation(id, reason)),
+            Intent::Repeat(id) => Command::Repeat { operation: operation(id, reason), stage: Stage::Sandbox },
+            Intent::Release(id) => {
+                Command::Release { operation: operation(id, reason), profiles: Vec::new() }
+            }
+            Intent::Profile(id, profile, close) => {
+                let (operation, profiles) = (operation(id, reason), vec![*profile]);
+                if *close {
+                    Command::Demote { operation, profiles }
+                } else {
+                    Command::Release { operation, profiles }
+                }
+            }
+            Intent::Rollback(id) => Command::Rollback(operation(id, reason)),
+            Intent::Pause(id) => Command::Pause(operation(id, reason)),
+            Intent::Resume(id) => Command::Resume(operation(id, reason)),
+            Intent::Reject(id) => Command::Reject(operation(id, reason)),
+            Intent::Demote(id) => Command::Demote { operation: operation(id, reason), profiles: Vec::new() },
+            Intent::Restrict(id) => Command::Restrict(operation(id, reason)),
+            Intent::Continue(id) => Command::Continue(operation(id, reason)),
+            Intent::Rearm(id) => Command::Rearm(operation(id, reason)),
+            Intent::Go { since_ms, stops, .. } => {
+                Command::Go { by, reason: given, since_ms: *since_ms, stops: *stops }
+            }
+            Intent::Note => Command::Note { by, text: given },
+            Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason: given },
+            Intent::Shelve(alarm) => {
+                Command::ShelveAlarm { alarm: alarm.clone(), by, for_ms: minutes * 60_000, reason: given }
+            }
+            Intent::ResetAlarm(alarm) => Command::ResetAlarm { alarm: alarm.clone(), by, reason: given },
+            // What is submitted is read when it is.
+            Intent::Register(_) | Intent::Identity(_) | Intent::Quit | Intent::Several(_) => return None,
+        })
     }
 }

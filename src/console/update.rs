@@ -369,6 +369,10 @@ fn back(model: &mut Model) -> Vec<Effect> {
     if model.place.view == View::Audit && model.place.opened.take().is_some() {
         return Vec::new();
     }
+    if marking::clear(model) {
+        tell(model, "nothing is marked any more", false);
+        return Vec::new();
+    }
     if model.place.set_filter(String::new()) {
         return asking::refresh_now(model);
     }

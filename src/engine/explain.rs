@@ -97,6 +97,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::Drift
             | RecordKind::LiveFault
             | RecordKind::GoalSet
+            | RecordKind::PaceSet
             | RecordKind::ShiftNote
             | RecordKind::CellStopped
             | RecordKind::CellReleased

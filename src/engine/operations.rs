@@ -269,8 +269,15 @@ pub(crate) fn drift(
 }
 
 /// How fast the live world works from the next sequence on.
-pub(crate) fn set_pace(record: &mut Record, world: &mut LiveWorld, times: Option<f64>) -> Reply {
-    let refuse = |code, text: String| Reply::Refused { code, text, hint: None };
+///
+/// # Errors
+/// If it cannot be written.
+pub(crate) fn set_pace(
+    record: &mut Record,
+    world: &mut LiveWorld,
+    times: Option<f64>,
+) -> Result<Reply, Fault> {
+    let refuse = |code, text: String| Ok(Reply::Refused { code, text, hint: None });
     if let Some(times) = times.filter(|times| !PACE_ALLOWED.contains(times)) {
         let (least, most) = (PACE_ALLOWED.start(), PACE_ALLOWED.end());
         return refuse(
@@ -282,9 +289,10 @@ pub(crate) fn set_pace(record: &mut Record, world: &mut LiveWorld, times: Option
         let text = "the live world of this engine works in step with it and has no pace".to_owned();
         return refuse(Refusal::NotNow, text);
     }
+    record.note(RecordKind::PaceSet, String::new(), serde_json::json!({ "times": times }).to_string())?;
     world.set_pace(times);
     record.tell(EventKind::Pace { times });
-    Reply::Accepted { text: "the live world works at the new pace".to_owned(), version: None }
+    Ok(Reply::Accepted { text: "the live world works at the new pace".to_owned(), version: None })
 }
 
 /// Breaks something in the live world, or mends it.

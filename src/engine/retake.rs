@@ -104,7 +104,7 @@ fn take(
         fallbacks: [fallback(record.ledger(), candidate), fallback(record.ledger(), &active)],
     };
     let [new, old] = case.both(&chosen);
-    let Chosen { number, count, why, found } = chosen;
+    let Chosen { number, count, beyond, why, found } = chosen;
     let (seed, drill, phase) = match found {
         Found::Pair(pair) => (pair.seed, None, None),
         Found::Drill(failed) => (failed.seed, Some(failed.kind), failed.phase),
@@ -118,6 +118,7 @@ fn take(
         of: asked.of,
         number,
         count,
+        beyond,
         task: candidate.bundle.task(),
         seed,
         drill,
@@ -222,7 +223,8 @@ impl Retake<'_> {
         let trial = TrialCase { cell, terms, version: self.versions[side], conditions, seed };
         let done = alone(&mut worker, trial);
         let as_recorded = recorded.map(|recorded| done.values().as_ref() == Some(recorded));
-        let worked = Worked { version: self.versions[side], terms, cell, as_recorded };
+        let limits = &self.context.profile.harm;
+        let worked = Worked { version: self.versions[side], terms, cell, limits, as_recorded };
         worked.episode(&mut worker, &done)
     }
 
@@ -238,6 +240,7 @@ impl Retake<'_> {
             version: self.versions[side],
             terms: &self.terms[side],
             cell: &self.context.cell,
+            limits: &self.context.profile.harm,
             as_recorded: Some(now == passed),
         };
         worked.drill(&mut worker, case.kind, result, from)

@@ -87,6 +87,13 @@ impl Reason {
     }
 }
 
+/// The reason for where there is room for one: the first that tells what was found, or else the first; `None` if there is
+/// none.
+#[must_use]
+pub fn telling(reasons: &[Reason]) -> Option<&Reason> {
+    reasons.iter().find(|reason| reason.code.tells_what_was_found()).or_else(|| reasons.first())
+}
+
 impl std::fmt::Display for Reason {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: {}", self.code, self.code.told(&self.text))?;

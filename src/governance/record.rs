@@ -90,6 +90,8 @@ crate::words! {
         LiveFault = "live-fault",
         /// The agent of the live cell was given a goal: by whom and why.
         GoalSet = "goal-set",
+        /// The simulated live cell works at another pace from then on.
+        PaceSet = "pace-set",
         /// A person left a note for those who come after: whose, and what it says.
         ShiftNote = "shift-note",
         /// A person stopped the cell.
@@ -111,6 +113,11 @@ crate::words! {
         /// The store's tables were made anew from the chain: by whom, why, and which rows had differed.
         StoreRebuilt = "store-rebuilt",
     }
+}
+
+impl RecordKind {
+    /// Seals of telemetry: of a store that has worked for long, by far the most of its records.
+    pub const SEALS: [Self; 2] = [Self::TelemetrySealed, Self::TelemetryBlockSealed];
 }
 
 crate::words! {

@@ -117,8 +117,11 @@ pub struct Film {
     pub of: FilmOf,
     /// Its place among those on record, from 1.
     pub number: u32,
-    /// How many there are.
+    /// How many there are on record one by one.
     pub count: u32,
+    /// Of failed drills: how many more failed than are on record one by one.
+    #[serde(default)]
+    pub beyond: u32,
     /// What was worked.
     pub task: TaskKind,
     /// The seed of the episode.
@@ -152,14 +155,16 @@ impl Film {
     /// What it is, in a few words: `episode 17 of 120, seed 10016`.
     #[must_use]
     pub fn title(&self) -> String {
-        let Self { of, number, count, seed, .. } = self;
+        let Self { of, number, count, beyond, seed, .. } = self;
         let what = match (self.drill, self.phase) {
             (Some(drill), Some(phase)) => format!("{drill} drill in {phase},"),
             (Some(drill), None) => format!("{drill} drill,"),
             (None, _) => of.to_string(),
         };
         let which = if self.drill.is_some() { "failed one " } else { "" };
-        format!("{what} {which}{number} of {count}, seed {seed}")
+        let all =
+            if *beyond > 0 { format!("the first {count}, {beyond} more failed") } else { count.to_string() };
+        format!("{what} {which}{number} of {all}, seed {seed}")
     }
 }
 

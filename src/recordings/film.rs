@@ -123,6 +123,7 @@ mod tests {
             of: FilmOf::Episode,
             number: 3,
             count: 9,
+            beyond: 0,
             task: serde_json::from_str("\"grasp\"").unwrap(),
             seed: 1,
             drill: None,

@@ -5,6 +5,7 @@
 
 use std::fs;
 use std::io::{self, Read};
+use std::os::unix::fs::FileTypeExt as _;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
@@ -68,17 +69,42 @@ pub struct Filed {
     pub written_secs: u64,
 }
 
-/// The recordings in a folder, by version and segment. Links and whatever has another name are passed over; a folder
-/// that is not there has none.
+/// Something with a recording's name that is no file: nothing reads it, links included.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct NoFile {
+    pub name: String,
+    /// What it is, in words.
+    pub what: &'static str,
+}
+
+/// What lies in a folder under names of recordings.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Shelf {
+    /// The recordings, by version and segment.
+    pub files: Vec<Filed>,
+    /// What else has a recording's name, by name.
+    pub no_files: Vec<NoFile>,
+}
+
+/// The recordings in a folder, by version and segment: [`look`] without what is no file.
 ///
 /// # Errors
 /// If the folder cannot be read.
 pub fn list(folder: &Path) -> io::Result<Vec<Filed>> {
+    Ok(look(folder)?.files)
+}
+
+/// What lies in a folder under names of recordings. Whatever has another name is passed over; a folder that is not there
+/// has none.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub fn look(folder: &Path) -> io::Result<Shelf> {
     let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Shelf::default()),
         entries => entries?,
     };
-    let mut found = Vec::new();
+    let mut found = Shelf::default();
     for entry in entries.take(FILES_MAX) {
         let entry = entry?;
         let Ok(file) = entry.file_name().into_string() else { continue };
@@ -89,14 +115,31 @@ pub fn list(folder: &Path) -> io::Result<Vec<Filed>> {
             about => about?,
         };
         if !about.is_file() {
+            found.no_files.push(NoFile { name: file, what: kind(about.file_type()) });
             continue;
         }
         let since = about.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
         let path = entry.path();
-        found.push(Filed { name, file, path, bytes: about.len(), written_secs: since.as_secs() });
+        found.files.push(Filed { name, file, path, bytes: about.len(), written_secs: since.as_secs() });
     }
-    found.sort_by(|a, b| a.name.cmp(&b.name));
+    found.files.sort_by(|a, b| a.name.cmp(&b.name));
+    found.no_files.sort();
     Ok(found)
+}
+
+/// What is no file, in words.
+fn kind(of: fs::FileType) -> &'static str {
+    if of.is_symlink() {
+        "a link"
+    } else if of.is_dir() {
+        "a folder"
+    } else if of.is_fifo() {
+        "a named pipe"
+    } else if of.is_socket() {
+        "a socket"
+    } else {
+        "a device"
+    }
 }
 
 /// The files of a version's recordings, in order.
@@ -174,7 +217,13 @@ mod tests {
         }
         fs::create_dir(root.path().join("c-1.0.0-00000000.rrd")).unwrap();
         std::os::unix::fs::symlink("README.md", root.path().join("d-1.0.0-00000000.rrd")).unwrap();
-        let files: Vec<String> = list(root.path()).unwrap().into_iter().map(|filed| filed.file).collect();
+        let listener = std::os::unix::net::UnixListener::bind(root.path().join("e-1.0.0-00000000.rrd"));
+        listener.unwrap();
+        let Shelf { files, no_files } = look(root.path()).unwrap();
+        let what: Vec<&str> = no_files.iter().map(|one| one.what).collect();
+        assert_eq!(what, ["a folder", "a link", "a socket"]);
+        assert_eq!(no_files[0].name, "c-1.0.0-00000000.rrd");
+        let files: Vec<String> = files.into_iter().map(|filed| filed.file).collect();
         assert_eq!(
             files,
             [

@@ -44,6 +44,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::KeptVoided
         | RecordKind::LiveFault
         | RecordKind::GoalSet
+        | RecordKind::PaceSet
         | RecordKind::ShiftNote
         | RecordKind::CellStopped
         | RecordKind::CellReleased

@@ -133,7 +133,7 @@ const CLAMP_SHARE: f64 = 0.95;
 
 /// A force limit is for lasting contact; a shorter one (a transient contact in the sense of ISO/TS
 /// 15066) may reach this many times the limit.
-const TRANSIENT_FACTOR: f64 = 2.0;
+pub const TRANSIENT_FACTOR: f64 = 2.0;
 
 /// Ticks after which a contact is no transient any more: 50 ms.
 const TRANSIENT_TICKS: u32 = 12;

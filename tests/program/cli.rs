@@ -7,7 +7,7 @@ use holdpoint::cli::{
     Cli, CliContext, CliError, EngineVerbs, Exit, Output, bench, candidate, decide, demo, dispatch, run,
     serve, status,
 };
-use holdpoint::registry::Store;
+use holdpoint::registry::{Batch, Store};
 use serde_json::Value;
 
 use crate::store::{bootstrap, commit, shadowing, transaction};
@@ -130,11 +130,31 @@ fn the_registry_is_shown() {
 fn the_audit_log_is_listed_exported_and_verified() {
     let folder = filled();
     let data = folder.path();
-    let (_, text) = ask(data, "audit list --json");
+    let store = Store::open(data).unwrap();
+    let batch = Batch {
+        version: "grasp@1.0.0".parse().unwrap(),
+        stream: "live".into(),
+        from_ms: 1,
+        to_ms: 2,
+        rows: 1,
+        body: vec![1],
+    };
+    store.append_telemetry(&batch).unwrap();
+    let seals = store.seal_telemetry().unwrap();
+    commit(&store, "seals", seals).unwrap();
+    drop(store);
+    let (_, text) = ask(data, "audit list --all --json");
     let records: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let newest = records[0]["seq"].as_u64().unwrap();
     assert_eq!(records.len() as u64, newest, "the newest first, none left out");
     assert_eq!(ask(data, "audit list --limit 2 --json").1.lines().count(), 2);
+    // Seals are the most by far, and stand in nobody's way.
+    let sealed = |record: &&Value| record["kind"].as_str().is_some_and(|kind| kind.starts_with("telemetry-"));
+    let seals = records.iter().filter(sealed).count();
+    assert!(seals > 0);
+    let (_, told) = ask(data, "audit list --json");
+    assert_eq!(told.lines().count(), records.len() - seals);
+    assert!(ask(data, "audit list --limit 1").1.contains("--all"));
     assert_eq!(ask(data, "audit export").1.lines().count() as u64, newest);
     assert_eq!(ask(data, &format!("audit export --from {newest}")).1.lines().count(), 1);
     let verified = json(data, "audit verify");

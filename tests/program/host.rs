@@ -9,6 +9,7 @@ use holdpoint::body::rehearsal::{DriftKind, Magnitude};
 use holdpoint::engine::host::{Host, HostConfig, OUTSTANDING_MAX, Update};
 use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::picture::Picture;
@@ -215,6 +216,12 @@ fn what_happens_between_sequences_waits_and_the_rest_does_not() {
     assert!(front.answers.iter().all(|(id, _)| *id != drift), "the drift waits for the end of the sequence");
     let fast = front.carry_out(Command::Pace { times: Some(50.0) });
     assert!(matches!(fast, Reply::Accepted { .. }), "{fast:?}");
+    // What the cell did in an hour is told from its pace: it is on record, before who asked for it.
+    let without = RecordKind::ALL.into_iter().filter(|kind| *kind != RecordKind::PaceSet).collect();
+    let paces = Command::Audit { before: None, subject: String::new(), without, limit: 10 };
+    let Reply::Audit { page } = front.carry_out(paces) else { panic!("no page") };
+    let bodies: Vec<&str> = page.rows.iter().map(|row| row.body.as_str()).collect();
+    assert_eq!(bodies, [r#"{"times":50.0}"#]);
     assert!(matches!(front.answer(&drift), Reply::Accepted { .. }));
     let order: Vec<&EventKind> = front
         .events

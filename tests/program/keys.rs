@@ -67,7 +67,7 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
 
     // A verb that signs.
     ends(&run(&["stop"]), 0, &[]);
-    let go = ["go", "--as", "mara", "--reason", "checked"];
+    let go = ["go", "--as", "mara", "--stops", "1", "--reason", "checked"];
     let with = |path: &str| run(&[go.as_slice(), &["--passphrase-file", path]].concat());
     ends(&run(&go), 2, &["the key of mara has a passphrase", "no terminal", "HOLDPOINT_PASSPHRASE_FILE"]);
     ends(&with(elm_text), 2, &["the passphrase is wrong", "nothing was done"]);

@@ -344,7 +344,7 @@ fn the_verbs_sign_as_who_they_are_told() {
     ends(&["identity", "new", "eve", "--unprotected"], 0, "enrolled by admin");
     let running = engine(&data, ProfileName::Human);
     ends(&["stop"], 0, "stopped");
-    let go = ["go", "--reason", "empty", "--as"];
+    let go = ["go", "--stops", "1", "--reason", "empty", "--as"];
     ends(&[&go[..], &["eve"]].concat(), 3, "identity passphrase eve");
     let go_mara = [&go[..], &["mara", "--passphrase-file", oak]].concat();
     // An open key enrolled her; the engine that runs takes the confirmation, and an enrolment, through its socket.

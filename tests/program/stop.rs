@@ -225,8 +225,21 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
         Some(0)
     );
     let words = ["go", "--as", "ana", "--reason", "checked"];
-    assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
+    let one = [&words[..], &["--stops", "1"]].concat();
+    // Somebody else stopped it, and nobody says that it was read who and why.
+    let kept_so = holdpoint(&data, &words);
+    assert_eq!(kept_so.status.code(), Some(3), "{}", said(&kept_so));
+    assert!(
+        said(&kept_so).contains("by somebody") && said(&kept_so).contains("--stops 1"),
+        "{}",
+        said(&kept_so)
+    );
+    assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED"));
+    assert_eq!(holdpoint(&data, &one).status.code(), Some(0));
     assert!(!said(&holdpoint(&data, &["status"])).contains("STOPPED"));
+    // One's own is known.
+    assert_eq!(holdpoint(&data, &["stop", "--as", "ana"]).status.code(), Some(0));
+    assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
     assert_eq!(holdpoint(&data, &words).status.code(), Some(3), "it is not stopped");
 
     let mut front = Front::start(&data, None);

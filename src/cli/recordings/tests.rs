@@ -63,6 +63,29 @@ fn they_are_listed_with_what_is_on_record() {
     assert_eq!((&first["version"], &first["on_record"]), (&json!("grasp@1.1.0"), &json!(true)));
 }
 
+/// A pipe with a recording's name was passed over without a word.
+#[test]
+fn what_has_a_recordings_name_and_is_none_is_named() {
+    const PIPE: &str = "align-1.1.0-0123abcd.rrd";
+    let (root, context) = store();
+    let folder = Layout::new(root.path()).recordings();
+    drop(std::os::unix::net::UnixListener::bind(folder.join(PIPE)).unwrap());
+    std::fs::remove_file(folder.join(SECOND)).unwrap();
+    std::fs::create_dir(folder.join(SECOND)).unwrap();
+    let (ended, text) = ask(&context, RecordingsVerb::List, false);
+    assert_eq!(ended.unwrap(), Exit::Confirmed);
+    assert!(text.contains(&format!("passed over: {PIPE} is a socket, and no recording")), "{text}");
+    assert!(text.contains("2 files, ") && text.contains(&format!("{SECOND} is a folder")), "{text}");
+    let (_, text) = ask(&context, RecordingsVerb::List, true);
+    let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    assert_eq!((&last["file"], &last["no_file"]), (&json!(SECOND), &json!("a folder")));
+    let (ended, text) = ask(&context, RecordingsVerb::Verify, false);
+    assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
+    assert!(text.contains(&format!("{PIPE}  passed over: it is a socket")), "{text}");
+    assert!(text.contains("no removal is on record; a folder has its name"), "{text}");
+    assert_eq!(text.matches(SECOND).count(), 1, "{text}");
+}
+
 #[test]
 fn what_was_changed_or_is_missing_is_found() {
     let (root, context) = store();

@@ -13,6 +13,7 @@ use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::door::DoorError;
 use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::decision::telling;
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
@@ -296,7 +297,7 @@ pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
             line.push_str(&format!(": {}", stop.reason));
         }
     }
-    line.push_str("; `holdpoint go` lets it work again");
+    line.push_str(&format!("; `holdpoint go --stops {}` says that all of it is known", stopped.stops));
     line
 }
 
@@ -353,9 +354,7 @@ impl VersionRow {
                 done: progress.done,
                 budget: progress.budget,
             }),
-            reason: view
-                .and_then(|view| view.reasons.first())
-                .map(|reason| format!("{}: {}", reason.code, reason.text)),
+            reason: view.and_then(|view| telling(&view.reasons)).map(ToString::to_string),
         }
     }
 

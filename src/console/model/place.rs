@@ -174,6 +174,8 @@ pub struct ViewState {
     pub sought: String,
     /// Alarms that are marked, by name: what acknowledges takes them all.
     pub marked: BTreeSet<String>,
+    /// Versions that are marked: what rejects or holds takes them all, where they are listed.
+    pub marked_versions: BTreeSet<CapabilityId>,
     /// The record that the audit view shows raw; absent for the list.
     pub opened: Option<OpenedRecord>,
     /// The version that Candidate and Shadow are about; absent for the newest candidate.
@@ -200,6 +202,18 @@ impl ViewState {
     #[must_use]
     pub fn in_story(&self) -> bool {
         self.view == View::Overview && self.pane() == STORY_PANE
+    }
+
+    /// Whether the list that has the keys is one of versions, in which some can be marked.
+    #[must_use]
+    pub fn lists_versions(&self) -> bool {
+        match self.view {
+            View::Overview => !self.in_story(),
+            View::Registry => true,
+            View::Candidate | View::Shadow | View::Alarms | View::Approvals | View::Audit | View::Health => {
+                false
+            }
+        }
     }
 
     /// The filter of the list that has the keys; empty for none.

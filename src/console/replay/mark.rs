@@ -3,6 +3,7 @@
 use crate::look::{Glyph, ThemeRole};
 use crate::theme::mark::of_stage;
 use holdpoint_governance::approval::Answer;
+use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::EventKind;
 
@@ -20,7 +21,7 @@ pub struct TimeMark {
 /// What the signs mean, for the help.
 pub const LEGEND: [(Glyph, &str); 7] = [
     (Glyph::Good, "decided: passed, approved or confirmed"),
-    (Glyph::Bad, "decided: rejected; a rung failed; a fault"),
+    (Glyph::Bad, "rejected; a rung failed; a fault"),
     (Glyph::Warning, "decided: held or restricted; the monitor acted"),
     (Glyph::Waiting, "people were asked"),
     (Glyph::Up, "took over"),
@@ -48,6 +49,8 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
             let sign = of_stage(*stage, *outcome);
             turn(sign, if sign.0 == Glyph::Bad { 8 } else { 6 })
         }
+        // A rule that asks for the stage just worked rejects as well, and a person rejects without any rule.
+        EventKind::StateChanged { to: State::Rejected, .. } => turn((Glyph::Bad, ThemeRole::Bad), 8),
         EventKind::Activated { .. } => turn((Glyph::Up, ThemeRole::Good), 7),
         EventKind::BreakGlass { .. } => turn((Glyph::Warning, ThemeRole::Bad), 9),
         EventKind::Reviewed { upheld, .. } => {

@@ -1,25 +1,125 @@
-//! Alarms that are marked, so that one key answers all of them; and whether an alarm takes an answer as it stands.
+//! Alarms and versions that are marked, so that one key takes all of them; and whether an alarm takes an answer as it
+//! stands.
+//!
+//! What takes authority away takes several at once, after one question that names each. What gives any never does.
 
-use super::{asking, moving, operating, refuse};
+use super::{asking, moving, operating, refuse, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
-use crate::model::{Model, View};
+use crate::form::Intent;
+use crate::model::{ItemKey, Model, View};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::AlarmView;
 
-/// Marks the alarm under the cursor, or takes its mark away, and goes on to the next.
-pub(super) fn mark(model: &mut Model) -> Vec<Effect> {
-    let rows = model.alarm_rows();
-    let at = model.row();
-    let name = rows.get(at).map(|item| item.alarm().alarm.clone());
-    let Some(name) = name.filter(|_| model.place.view == View::Alarms) else {
-        return refuse(model, "there is no alarm under the cursor to mark");
-    };
-    let last = rows.len().saturating_sub(1);
-    if !model.place.marked.remove(&name) {
-        model.place.marked.insert(name);
+/// The most versions that one question names.
+const TOGETHER_MAX: usize = 20;
+
+/// Lines of a screen that a question takes beside the versions it names.
+const QUESTION_ROWS: usize = 9;
+
+/// What lies under the cursor, if it can be marked.
+pub(super) fn markable(model: &Model) -> Option<ItemKey> {
+    let item = model.item_key(model.row())?;
+    match (&item, model.place.view) {
+        (ItemKey::Version(_), View::Overview | View::Registry) | (ItemKey::Alarm(_), View::Alarms) => {
+            Some(item)
+        }
+        _ => None,
     }
+}
+
+/// Marks what lies under the cursor, or takes its mark away, and goes on to the next.
+pub(super) fn mark(model: &mut Model) -> Vec<Effect> {
+    let at = model.row();
+    match markable(model) {
+        Some(ItemKey::Alarm(name)) => {
+            if !model.place.marked.remove(&name) {
+                model.place.marked.insert(name);
+            }
+        }
+        Some(ItemKey::Version(id)) => {
+            if !model.place.marked_versions.remove(&id) {
+                model.place.marked_versions.insert(id);
+            }
+            tell_marked(model);
+        }
+        _ => return refuse(model, "there is nothing under the cursor that can be marked"),
+    }
+    let last = model.row_count().saturating_sub(1);
     moving::set_row(model, (at + 1).min(last));
     Vec::new()
+}
+
+/// How many are marked, and what takes them.
+fn tell_marked(model: &mut Model) {
+    let key = |action| model.keymap.key(action);
+    let text = match model.place.marked_versions.len() {
+        0 => "nothing is marked".to_owned(),
+        count => format!(
+            "{count} marked: {} rejects, {} holds, {} copies them, {} takes the marks away",
+            key(Action::Refuse),
+            key(Action::Pause),
+            key(Action::Copy),
+            key(Action::Back)
+        ),
+    };
+    tell(model, text, false);
+}
+
+/// Takes the marks of the list away that has the keys. Tells whether there were any.
+pub(super) fn clear(model: &mut Model) -> bool {
+    if model.place.lists_versions() {
+        return !std::mem::take(&mut model.place.marked_versions).is_empty();
+    }
+    model.place.view == View::Alarms && !std::mem::take(&mut model.place.marked).is_empty()
+}
+
+/// The marked versions, where they can be seen; those that nobody knows any more lose their marks.
+pub(super) fn versions(model: &Model) -> Vec<CapabilityId> {
+    let marked = model.place.lists_versions().then_some(&model.place.marked_versions);
+    marked.into_iter().flatten().filter(|id| model.stands(id).is_some()).cloned().collect()
+}
+
+/// What an action does to every marked version. `None` if none is marked, or it is one that stops what acts: that is for the
+/// version under the cursor, whatever is marked.
+pub(super) fn on_versions(model: &mut Model, action: Action) -> Option<Vec<Effect>> {
+    let marked = versions(model);
+    if marked.is_empty() {
+        return None;
+    }
+    match action {
+        Action::Refuse | Action::Pause => Some(together(model, action, &marked)),
+        Action::Demote | Action::Rollback | Action::Restrict => None,
+        _ => {
+            let (count, key) = (marked.len(), model.keymap.key(Action::Back));
+            let why = format!("{count} are marked, and this acts on one alone: {key} takes the marks away");
+            Some(refuse(model, &why))
+        }
+    }
+}
+
+/// One question about all of them.
+fn together(model: &mut Model, action: Action, marked: &[CapabilityId]) -> Vec<Effect> {
+    let room = usize::from(model.size.1).saturating_sub(QUESTION_ROWS).min(TOGETHER_MAX);
+    if marked.len() > room {
+        let why = format!("{} are marked, and one question on this screen names {room}", marked.len());
+        return refuse(model, &why);
+    }
+    let mut each = Vec::new();
+    for id in marked {
+        match operating::intent(model, action, id) {
+            Ok((intent, _)) => each.push(intent),
+            Err(why) => return refuse(model, &format!("{why}: take its mark away")),
+        }
+    }
+    let intent = match <[Intent; 1]>::try_from(each) {
+        Ok([one]) => one,
+        Err(each) => Intent::Several(each),
+    };
+    match operating::now(model, &intent) {
+        Ok(lines) => operating::open(model, intent, lines),
+        Err(why) => refuse(model, &why),
+    }
 }
 
 /// Acknowledges every marked alarm that takes it; marks of others stay.

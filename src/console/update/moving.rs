@@ -1,6 +1,6 @@
 //! Moving about: cursors, panes, branches, and what Enter opens.
 
-use super::{asking, refuse, show, why};
+use super::{asking, marking, refuse, show, why};
 use crate::action::Action;
 use crate::audit;
 use crate::effect::Effect;
@@ -8,6 +8,7 @@ use crate::model::{HISTORY_PANE, ListCursor, Model, OpenedRecord, Overlay, STORY
 use crate::prompt::Prompt;
 use crate::rows::{RegistryItem, WaitingItem};
 use holdpoint_governance::ids::Family;
+use holdpoint_protocol::snapshot::AlarmView;
 
 /// How long keys that aim at an item wait after another one came under the cursor by itself, ms: the time in which
 /// a key that is pressed was decided on before.
@@ -275,8 +276,17 @@ pub(super) fn copied(model: &Model) -> Option<String> {
         }
         View::Alarms => {
             let rows = model.alarm_rows();
-            let alarm = rows.get(model.row())?.alarm();
-            Some(format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, alarm.text))
+            let said = |alarm: &AlarmView| {
+                format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, alarm.text)
+            };
+            let of_marked = model.told.snapshot.iter().flat_map(|now| &now.alarms);
+            let of_marked = of_marked.filter(|alarm| model.place.marked.contains(&alarm.alarm));
+            let marked: Vec<String> = of_marked.map(said).collect();
+            if marked.is_empty() {
+                Some(said(rows.get(model.row())?.alarm()))
+            } else {
+                Some(marked.join("\n"))
+            }
         }
         View::Audit => {
             let rows = model.audit_rows();
@@ -287,7 +297,11 @@ pub(super) fn copied(model: &Model) -> Option<String> {
             model.story_rows().get(model.row()).map(|told| told.text.clone())
         }
         View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
-            model.version_here().map(|version| version.to_string())
+            let marked: Vec<String> = marking::versions(model).iter().map(ToString::to_string).collect();
+            if marked.is_empty() {
+                return model.version_here().map(|version| version.to_string());
+            }
+            Some(marked.join("\n"))
         }
     }
 }

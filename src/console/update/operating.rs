@@ -14,13 +14,21 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::snapshot::{AlarmView, StoppedView};
 use holdpoint_text::Hint as _;
 
-/// Hands a confirmed operation to the engine.
-pub(super) fn carry_out(model: &mut Model, confirmed: Confirmed) -> Vec<Effect> {
-    let said = confirmed.said().to_owned();
-    tell(model, format!("{said}: asked"), false);
-    let Some(id) = asking::request(model, AskedFor::Operation, said) else { return Vec::new() };
-    let passphrase = overlays::leave_form(model, &id);
-    vec![Effect::Operate { id, confirmed: Box::new(confirmed), passphrase }]
+/// Hands confirmed operations to the engine, each by itself: what was marked for one loses its mark as it is asked for.
+pub(super) fn carry_out(model: &mut Model, confirmed: Vec<Confirmed>) -> Vec<Effect> {
+    let said: Vec<&str> = confirmed.iter().map(Confirmed::said).collect();
+    tell(model, format!("{}: asked", said.join("; ")), false);
+    let mut effects = Vec::new();
+    for one in confirmed {
+        // So many wait already: the others keep their marks.
+        let Some(id) = asking::request(model, AskedFor::Operation, one.said().to_owned()) else { break };
+        let passphrase = overlays::leave_form(model, &id);
+        if let Some(version) = one.version() {
+            model.place.marked_versions.remove(version);
+        }
+        effects.push(Effect::Operate { id, confirmed: Box::new(one), passphrase });
+    }
+    effects
 }
 
 /// Opens a form, or says at once that somebody must say who they are: not after a reason was typed.
@@ -46,6 +54,9 @@ pub(super) fn on_version(model: &mut Model, action: Action) -> Vec<Effect> {
                 refuse(model, "nothing is under way that could be aborted; B rolls an active version back")
             }
         };
+    }
+    if let Some(effects) = marking::on_versions(model, action) {
+        return effects;
     }
     let Some(id) = model.version_here() else {
         return refuse(model, "there is no version under the cursor");
@@ -115,7 +126,7 @@ fn make_void(model: &mut Model, why: String) {
 }
 
 /// What a form says now, or why it is not for what it was opened for any more.
-fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
+pub(super) fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
     let (action, id) = match opened {
         Intent::Pause(id) => (Action::Pause, id),
         Intent::Resume(id) => (Action::Resume, id),
@@ -127,6 +138,7 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
         Intent::Release(id) => (Action::Release, id),
         Intent::Continue(id) => (Action::Continue, id),
         Intent::Rearm(id) => (Action::Rearm, id),
+        Intent::Several(each) => return several_lines(model, each),
         Intent::Abort(what) => return abort_lines(model, what),
         Intent::Go { since_ms, stops, .. } => return still_stopped(model, (*since_ms, *stops)),
         Intent::Goal(_) => return Ok(goal_lines(model)),
@@ -144,6 +156,22 @@ fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String> {
     } else {
         Err(format!("it would now be something else: {}", intent.title()))
     }
+}
+
+/// How each of several stands, then what becomes of all of them.
+fn several_lines(model: &Model, each: &[Intent]) -> Result<Vec<String>, String> {
+    let (mut stand, mut become_of): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
+    for intent in each {
+        let mut lines = now(model, intent)?.into_iter();
+        stand.extend(lines.next());
+        for line in lines {
+            if !become_of.contains(&line) {
+                become_of.push(line);
+            }
+        }
+    }
+    stand.extend(become_of);
+    Ok(stand)
 }
 
 /// Opens the form that submits a candidate, where somebody signs for it.
@@ -287,6 +315,9 @@ fn held(model: &Model, id: &CapabilityId) -> bool {
 
 /// Opens the question whether one person lets the version under the cursor in alone.
 pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
+    if let Some(effects) = marking::on_versions(model, Action::BreakGlass) {
+        return effects;
+    }
     let Some(id) = model.version_here() else {
         return refuse(model, "there is no version under the cursor");
     };

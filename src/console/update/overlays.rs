@@ -320,7 +320,7 @@ fn confirm(model: &mut Model) -> Vec<Effect> {
             return Vec::new();
         }
     };
-    let gives = confirmed.as_ref().is_none_or(Confirmed::gives_authority);
+    let gives = confirmed.is_empty() || confirmed.iter().any(Confirmed::gives_authority);
     let signs = gives && form.signing.is_none() && is_signed(&model.told);
     let is_protected =
         model.seat.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
@@ -329,10 +329,9 @@ fn confirm(model: &mut Model) -> Vec<Effect> {
         form.signing = Some(Signing::of(()));
         return Vec::new();
     }
-    match (confirmed, form.intent.clone()) {
-        (Some(confirmed), _) => operating::carry_out(model, confirmed),
-        (None, Intent::Register(folder)) => asking::submit(model, folder),
-        (None, _) => Vec::new(),
+    match form.intent.clone() {
+        Intent::Register(folder) => asking::submit(model, folder),
+        _ => operating::carry_out(model, confirmed),
     }
 }
 

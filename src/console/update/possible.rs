@@ -63,7 +63,9 @@ impl<'a> Possible<'a> {
             }
             A::Sort | A::SortReverse => moving::unsorted(model).map_or(Ok(()), |why| Err(why.to_owned())),
             A::FindNext if model.place.sought.is_empty() => Err("nothing was searched for yet".to_owned()),
-            A::Mark if model.alarm_rows().is_empty() => Err("no alarm is under the cursor".to_owned()),
+            A::Mark if marking::markable(model).is_none() => {
+                Err("nothing under the cursor can be marked".to_owned())
+            }
             A::OpenRecording if model.place.view != View::Overview => version().map(drop),
             _ => Ok(()),
         };
@@ -96,6 +98,7 @@ impl<'a> Possible<'a> {
             A::Copy => moving::copied(model).is_some(),
             A::Filter => self.rows > 1 || !model.place.filter().is_empty(),
             A::Freeze => model.told.snapshot.is_some(),
+            A::Mark => self.rows > 1,
             A::Left | A::Right if model.place.view == View::Health => model.told.health.is_some(),
             A::ZoomIn | A::ZoomOut if model.place.view == View::Health => true,
             A::ZoomIn => self.charts() && model.place.zoom < ZOOM_MAX,

@@ -29,6 +29,7 @@ mod alone;
 mod following;
 mod gone;
 mod health;
+mod marks;
 mod offers;
 mod reading;
 mod records;

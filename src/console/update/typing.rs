@@ -200,7 +200,10 @@ fn complete(model: &mut Model, menu: Option<CompletionMenu>, forward: bool) -> V
 /// What a line could become, unless something else was typed meanwhile.
 pub(super) fn offer(model: &mut Model, typed: String, mut lines: Vec<String>) {
     let Some(Typing::Command(line)) = &model.entry.typing else { return };
-    lines.retain(|line| *line != typed);
+    // What is typed whole stays before whatever begins like it: a key too many must make no other command of it.
+    if let Some(at) = lines.iter().position(|line| *line == typed) {
+        lines[..=at].rotate_right(1);
+    }
     lines.truncate(COMPLETIONS_MAX);
     if line.text() == typed && !lines.is_empty() {
         put(model, CompletionMenu { typed, lines, at: 0 });

@@ -21,7 +21,7 @@ use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::trend::SCALE;
 use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
-use crate::widgets::pen::{Pen, above, below, cut};
+use crate::widgets::pen::{Fit, Pen, above, below, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
 use holdpoint_governance::ids::Family;
@@ -38,6 +38,13 @@ const FAMILY_ROWS_MAX: u16 = 20;
 
 /// Lines below the charts at most: values, marks, verdict, what is left out.
 const BELOW_ROWS_MAX: u16 = 14;
+
+/// Lines for what happened in the column under the cursor at least, where there is so much room.
+const MARKS_LEAST: usize = 4;
+
+/// Lines below the charts from which numbers stand there beside what happened, and from which they stand there whole.
+const NUMBERS_FROM: usize = 5;
+const WHOLE_FROM: usize = 8;
 
 /// Columns between two times at the axis at least.
 const TIME_APART: u32 = 14;
@@ -106,16 +113,43 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let row = head.to_column(usize::from(area.width) - span.chars().count()).with(ThemeRole::Muted, &span);
     pen.row(area, 0, &row);
     let area = below(area, 1);
-    let below_it = under(model, series, usize::from(area.width));
+    whole(model, series, quantity, pen, area, (area.height / 2).min(BELOW_ROWS_MAX));
+}
+
+/// The same without its tabs, for the smallest windows: a third of the room is for what is said.
+pub fn draw_small(model: &Model, pen: &mut Pen<'_>, area: Rect) {
+    let area = super::frozen(model, pen, area);
+    match model.health() {
+        Some(series) => {
+            whole(model, series, Quantity::of(model.place.pane()), pen, area, area.height.div_ceil(3));
+        }
+        None => pen.row(area, 0, &Row::of(ThemeRole::Muted, "The record is being read")),
+    }
+}
+
+/// Charts, marks and times, and what is said below them in so many lines at most.
+fn whole(
+    model: &Model,
+    series: &HealthSeries,
+    quantity: Quantity,
+    pen: &mut Pen<'_>,
+    area: Rect,
+    foot_max: u16,
+) {
+    let below_it = under(model, series, usize::from(area.width), usize::from(foot_max));
     let families = model.health_families();
-    let foot_max = (area.height / 2).min(BELOW_ROWS_MAX);
     let foot = u16::try_from(below_it.len()).unwrap_or(u16::MAX).min(foot_max);
-    // Marks and times stand between the charts and what is said.
-    let (charts, rest) = cut(area, area.height.saturating_sub(foot + 2));
+    // Marks and times stand between the charts and what is said; where hardly a chart fits beside them it comes first.
+    let between = area.height.saturating_sub(foot + 2).min(2);
+    let (charts, rest) = cut(area, area.height.saturating_sub(foot + between));
     draw_families(model, series, quantity, &families, pen, charts);
-    marks_line(model, series, pen, above(rest, 1));
-    axis(model, series, pen, above(below(rest, 1), 1));
-    pen.rows(below(rest, 2), 0, &below_it);
+    if between > 0 {
+        marks_line(model, series, pen, above(rest, 1));
+    }
+    if between > 1 {
+        axis(model, series, pen, above(below(rest, 1), 1));
+    }
+    pen.rows(below(rest, between), 0, &below_it);
 }
 
 /// Which span is shown, and what a column stands for, in words that get shorter.
@@ -173,7 +207,12 @@ fn draw_families(
             }
             None => "no task".to_owned(),
         };
-        let title = format!("{family}, {}", quantity.legend());
+        // In the smallest windows the view's own title names the quantity.
+        let title = if pen.fit == Fit::Tiny {
+            family.to_string()
+        } else {
+            format!("{family}, {}", quantity.legend())
+        };
         let inside = pen.pane(part, &title, place == here, &right);
         chart(model, series, (quantity, family), pen, inside);
     }
@@ -342,12 +381,14 @@ fn tick(series: &HealthSeries, bucket: u32) -> String {
     }
 }
 
-/// What is said below the charts: the bucket under the cursor, what happened in it, the verdict, what is left out.
-fn under(model: &Model, series: &HealthSeries, width: usize) -> Vec<Row> {
+/// What is said below the charts in so many lines at most: the verdict, the bucket under the cursor, what happened in it,
+/// what is left out.
+fn under(model: &Model, series: &HealthSeries, width: usize, height: usize) -> Vec<Row> {
     let mut rows = Vec::new();
-    let mut say = |role: ThemeRole, text: &str, most: usize| {
-        rows.extend(wrap(text, width, most).iter().map(|line| Row::of(role, line)));
+    let lines = |role: ThemeRole, text: &str, most: usize| -> Vec<Row> {
+        wrap(text, width, most).iter().map(|line| Row::of(role, line)).collect()
     };
+    let mut say = |role: ThemeRole, text: &str, most: usize| rows.extend(lines(role, text, most));
     let (Some(bucket), Some(family)) = (model.health_bucket(), model.health_family()) else { return rows };
     if let Some(verdict) = model.health_verdict().filter(|_| !series.points.is_empty()) {
         let role = match verdict.trend() {
@@ -360,31 +401,42 @@ fn under(model: &Model, series: &HealthSeries, width: usize) -> Vec<Row> {
             say(ThemeRole::Text, &text, 2);
         }
     }
-    let (start, end) = (series.moment(series.start_ms(bucket)), series.moment(series.start_ms(bucket + 1)));
-    let points: Vec<&HealthPoint> = series.at(&family, bucket).collect();
-    if points.is_empty() {
-        say(ThemeRole::Muted, &format!("{start} to {end}: no task of {family} on record"), 1);
-    }
-    for point in &points {
-        say(ThemeRole::Text, &values(series, point, &start), 2);
-    }
     let mut marks: Vec<&HealthMark> = series.marks_in(Some(&family), bucket).collect();
     // Of equal weight the newest first: the others are counted.
     marks.sort_by_key(|mark| (mark.kind.weight(), std::cmp::Reverse(mark.at_ms)));
-    for mark in marks.iter().take(3) {
+    // Where there is hardly a line, what happened is more than the numbers, which the chart shows.
+    if height >= NUMBERS_FROM || marks.is_empty() {
+        let (start, end) =
+            (series.moment(series.start_ms(bucket)), series.moment(series.start_ms(bucket + 1)));
+        let points: Vec<&HealthPoint> = series.at(&family, bucket).collect();
+        if points.is_empty() {
+            say(ThemeRole::Muted, &format!("{start} to {end}: no task of {family} on record"), 1);
+        }
+        for point in &points {
+            say(ThemeRole::Text, &values(series, point, &start), if height < WHOLE_FROM { 1 } else { 2 });
+        }
+    }
+    let left_out: Vec<Row> =
+        series.coverage.sentences().iter().flat_map(|text| lines(ThemeRole::Muted, text, 2)).collect();
+    // What happened comes before what is left out, if both are too much; what of it has no line is counted.
+    let room = height.saturating_sub(rows.len());
+    let room = room.saturating_sub(left_out.len()).max(MARKS_LEAST).min(room);
+    let shown = if marks.len() > room { room.saturating_sub(1) } else { marks.len() };
+    let mut say = |role: ThemeRole, text: &str| rows.extend(lines(role, text, 1));
+    for mark in marks.iter().take(shown) {
         let when = match (series.clock, mark.wall_ms) {
             (HealthClock::Wall, Some(wall_ms)) => calendar::time(wall_ms - wall_ms.rem_euclid(1_000)),
             _ => seconds(mark.at_ms),
         };
         let (letter, what) = (mark.kind.letter(), mark.kind.words());
-        say(role(mark.kind), &format!("{letter} {when} {what}: {}", mark.text), 1);
+        say(role(mark.kind), &format!("{letter} {when} {what}: {}", mark.text));
     }
-    if marks.len() > 3 {
-        say(ThemeRole::Muted, &format!("and {} marks more in this column", marks.len() - 3), 1);
+    match marks.len() - shown {
+        0 => {}
+        1 => say(ThemeRole::Muted, "and one mark more in this column"),
+        more => say(ThemeRole::Muted, &format!("and {more} marks more in this column")),
     }
-    for text in series.coverage.sentences() {
-        say(ThemeRole::Muted, &text, 2);
-    }
+    rows.extend(left_out);
     rows
 }
 

@@ -206,6 +206,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
             A::NextPane,
             A::Freeze,
             A::Filter,
+            A::Mark,
         ],
         (None, View::Registry) => &[
             A::Open,
@@ -218,6 +219,7 @@ pub fn actions(model: &Model) -> Vec<Action> {
             A::Repeat,
             A::Release,
             A::Rearm,
+            A::Mark,
         ],
         (None, View::Candidate) => &[
             A::Open,

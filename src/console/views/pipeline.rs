@@ -18,7 +18,8 @@ use crate::widgets::bar::progress;
 use crate::widgets::list::GUTTER;
 use crate::widgets::pen::{Hit, Pen, below};
 use crate::widgets::row::{Row, wrap};
-use crate::words::{MONITOR_PLACE, STAGES, duration, reason_line, stage_place, stages_done, waits_for};
+use crate::words::{MONITOR_PLACE, STAGES, duration, stage_place, stages_done, waits_for};
+use holdpoint_governance::decision::telling;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
 
@@ -38,6 +39,11 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let block = |index: usize, candidate: &CandidateView| {
         let headway = model.told.headway.get(&candidate.version);
         let mut rows = rows(candidate, headway, model.engine_ms(), look, width, index == cursor);
+        if model.place.marked_versions.contains(&candidate.version)
+            && let Some(head) = rows.first_mut()
+        {
+            *head = super::registry::lead(true, true, look).and(head.clone());
+        }
         if let Some(text) = model.told.snapshot.as_deref().and_then(|now| waits_for(now, candidate)) {
             // Below name and stages, before what was decided earlier.
             rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
@@ -131,9 +137,9 @@ fn rows(
             &format!("{} begins; nothing of it is worked yet", stage.name()),
         ));
     } else if let Some(reason) =
-        candidate.reasons.first().filter(|_| chosen || candidate.state == State::Rejected)
+        telling(&candidate.reasons).filter(|_| chosen || candidate.state == State::Rejected)
     {
-        rows.push(Row::of(ThemeRole::Muted, &super::short(&reason_line(reason), width)));
+        rows.push(Row::of(ThemeRole::Muted, &super::short(&reason.to_string(), width)));
     }
     rows
 }
@@ -286,6 +292,31 @@ mod tests {
             ["sandbox", "sandbox"],
             "nothing ran: a person did it"
         );
+    }
+
+    /// How an evaluation ended tells nobody what was wrong.
+    #[test]
+    fn a_rejected_candidate_says_what_was_wrong_with_it() {
+        let reasons = json!([
+            { "code": "behavior-ended-early", "dimension": "behavior", "text": "ended after 24 of 120 episode pairs",
+              "evidence": 24.0, "limit": 120.0 },
+            { "code": "behavior-established-worse", "dimension": "behavior",
+              "text": "violation is worse in the pairs worked so far", "evidence": 0.375, "limit": 0.05 }
+        ]);
+        let rejected = CandidateView {
+            reasons: serde_json::from_value(reasons).unwrap(),
+            ..candidate("rejected", "validated", false)
+        };
+        let theme = crate::look::Theme::builtin("mono").unwrap();
+        let look = Look::new(theme, crate::look::Depth::Mono, crate::look::Glyphs::Ascii);
+        let rows = rows(&rejected, None, 0, &look, 120, false);
+        let text = |row: &Row| row.parts().map(|(text, _)| text).collect::<String>();
+        let said: Vec<String> = rows.iter().map(text).collect();
+        assert!(
+            said.iter().any(|row| row.contains("worse in the pairs worked so far [0.375 against 0.050]")),
+            "{said:?}"
+        );
+        assert!(said.iter().all(|row| !row.contains("ended after")), "{said:?}");
     }
 
     #[test]

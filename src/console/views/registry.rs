@@ -19,7 +19,7 @@ use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::{duration, kappa_sign, reason_line, standing};
-use holdpoint_governance::decision::Dimension;
+use holdpoint_governance::decision::{Dimension, telling};
 use holdpoint_governance::record::VersionSummary;
 
 /// Lines for what is said of the version under the cursor.
@@ -103,7 +103,8 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         }
         Some(RegistryItem::Version(row)) => {
             let flat = model.told.registry.is_flat();
-            let line = version(row, flat, limits, has_age.then_some(now_ms), &columns, look);
+            let marked = model.place.marked_versions.contains(&row.version);
+            let line = version(row, (flat, marked), limits, has_age.then_some(now_ms), &columns, look);
             if columns.by > 0 { line.and(beside(model, row, &columns)) } else { line }
         }
         None => Row::new(),
@@ -141,15 +142,15 @@ fn header(columns: &Columns, has_age: bool, sort: SortOrder, look: &Look) -> Row
 fn beside(model: &Model, row: &VersionSummary, columns: &Columns) -> Row {
     let by = format!("{}, {}, {}", super::short(&row.author, 14), row.provenance, row.risk);
     let room = columns.by.saturating_sub(1);
-    let reason = model.candidate(&row.version).and_then(|candidate| candidate.reasons.first());
+    let reason = model.candidate(&row.version).and_then(|candidate| telling(&candidate.reasons));
     Row::new()
         .cell(ThemeRole::Muted, &super::short(&by, room), columns.by)
-        .with(ThemeRole::Text, &reason.map(reason_line).unwrap_or_default())
+        .with(ThemeRole::Text, &reason.map(ToString::to_string).unwrap_or_default())
 }
 
 fn version(
     row: &VersionSummary,
-    flat: bool,
+    (flat, marked): (bool, bool),
     limits: [f64; 4],
     now_ms: Option<u64>,
     columns: &Columns,
@@ -157,9 +158,11 @@ fn version(
 ) -> Row {
     let baseline = if row.baseline && columns.name > 12 { " baseline" } else { "" };
     // In one list a version's family is no heading above it.
-    let name = if flat { row.version.to_string() } else { format!("  {}{baseline}", row.version.version) };
-    let mut line = Row::new()
-        .cell(ThemeRole::Text, &name, columns.name)
+    let name = if flat { row.version.to_string() } else { format!("{}{baseline}", row.version.version) };
+    let lead = lead(marked, flat, look);
+    let room = columns.name.saturating_sub(lead.width());
+    let mut line = lead
+        .cell(ThemeRole::Text, &name, room)
         .and(super::stands(row.state, &row.flags, columns.state, look))
         .to_column(columns.name + columns.state)
         .with(ThemeRole::Text, " ");
@@ -180,6 +183,18 @@ fn version(
         return line.with(ThemeRole::Muted, &age);
     }
     line.cell(ThemeRole::Muted, &age, AGE_WIDTH + 3)
+}
+
+/// What stands before a version's name: its mark, or the room that a tree's branch has.
+#[must_use]
+pub fn lead(marked: bool, flat: bool, look: &Look) -> Row {
+    if marked {
+        Row::of(ThemeRole::Focus, look.glyph(Glyph::Neutral)).with(ThemeRole::Text, " ")
+    } else if flat {
+        Row::new()
+    } else {
+        Row::of(ThemeRole::Text, "  ")
+    }
 }
 
 /// How long ago, in the largest unit that fits: [`AGE_WIDTH`] columns at most.

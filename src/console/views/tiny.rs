@@ -161,6 +161,7 @@ fn view(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         (View::Overview, _) => return work(model, pen, inside),
         (View::Shadow, MONITORS_PANE) => return super::shadow::monitor_rows(model, pen, inside),
         (View::Shadow, 0) => return shadow(model, pen, inside),
+        (View::Health, _) => return super::health::draw_small(model, pen, inside),
         _ => {}
     }
     let rows = rows(model, pen, usize::from(inside.width));
@@ -206,7 +207,9 @@ fn shadow(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let look = pen.look;
     match model.place.view {
-        View::Registry => model.registry_rows().iter().map(|item| registry(item, pen, width)).collect(),
+        View::Registry => {
+            model.registry_rows().iter().map(|item| registry(model, item, pen, width)).collect()
+        }
         View::Candidate => {
             let rows = model.candidate_rows(model.place.pane());
             let first = |row| super::candidate_rows::item(row, look, width).into_iter().next();
@@ -222,22 +225,22 @@ fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
             let said = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
             model.disagreement_rows().iter().map(said).collect()
         }
-        View::Health => {
-            vec![Row::of(ThemeRole::Muted, "A larger window shows it; `holdpoint health` prints it")]
-        }
-        View::Overview => Vec::new(),
+        View::Health | View::Overview => Vec::new(),
     }
 }
 
-fn registry(item: &RegistryItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
+fn registry(model: &Model, item: &RegistryItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
     match item {
         RegistryItem::Family { family, versions, open } => {
             let glyph = pen.look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
             Row::of(ThemeRole::Title, &format!("{glyph} {family}"))
                 .with(ThemeRole::Muted, &format!("  {versions}"))
         }
-        RegistryItem::Version(row) => Row::new()
-            .cell(ThemeRole::Text, &format!("  {}", row.version.version), 10)
-            .and(super::stands(row.state, &row.flags, width.saturating_sub(12), pen.look)),
+        RegistryItem::Version(row) => {
+            let marked = model.place.marked_versions.contains(&row.version);
+            super::registry::lead(marked, false, pen.look)
+                .cell(ThemeRole::Text, &row.version.version.to_string(), 8)
+                .and(super::stands(row.state, &row.flags, width.saturating_sub(12), pen.look))
+        }
     }
 }

@@ -278,6 +278,7 @@ impl History {
             | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::GoalSet
+            | RecordKind::PaceSet
             | RecordKind::ShiftNote
             | RecordKind::RecordingRemoved
             | RecordKind::TelemetryPruned

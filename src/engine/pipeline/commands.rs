@@ -188,7 +188,7 @@ impl Pipeline {
             }
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
-            Command::Pace { times } => Ok(operations::set_pace(record, world, times)),
+            Command::Pace { times } => operations::set_pace(record, world, times),
             Command::Detail { version } => lookup::detail(context, record, dossiers, &version),
             Command::Film { version, asked } => retake::film(context, record, dossiers, &version, asked),
             Command::Registry { group, text, offset, limit } => {

@@ -5,6 +5,7 @@
 
 use holdpoint_governance::behavior::{ComponentName, component_of};
 use holdpoint_governance::evidence::{AloneEpisode, DrillKind, EpisodeValues, FailedDrill, Pair};
+use holdpoint_governance::harm::HarmKind;
 use holdpoint_protocol::film::{FilmAsked, FilmOf};
 
 use crate::dossier::Dossier;
@@ -14,6 +15,8 @@ pub(crate) struct Chosen {
     /// Its place, from 1.
     pub(crate) number: u32,
     pub(crate) count: u32,
+    /// How many more failed than are on record one by one.
+    pub(crate) beyond: u32,
     /// Why this one, where the worst was wanted; empty otherwise.
     pub(crate) why: String,
     pub(crate) found: Found,
@@ -28,13 +31,13 @@ pub(crate) enum Found {
 /// Finds it; a sentence says why it cannot.
 pub(crate) fn choose(dossier: &Dossier, asked: FilmAsked) -> Result<Chosen, String> {
     match asked.of {
-        FilmOf::Episode => pair(&dossier.pairs, decisive(dossier), asked, "of the sandbox"),
+        FilmOf::Episode => pair(&dossier.pairs, deciding(dossier), asked, "of the sandbox"),
         FilmOf::Confirmation => {
             let settled = dossier.confirmation.as_ref();
             let pairs = settled.map_or(&[][..], |confirmation| &confirmation.pairs.pairs);
-            pair(pairs, decisive(dossier), asked, "of a confirmation")
+            pair(pairs, deciding(dossier), asked, "of a confirmation")
         }
-        FilmOf::Drill => drill(&dossier.failed_drills, asked),
+        FilmOf::Drill => drill(&dossier.failed_drills, failed(dossier), asked),
         FilmOf::Alone => alone(&dossier.alone, asked),
     }
 }
@@ -61,35 +64,65 @@ pub(crate) fn decisive(dossier: &Dossier) -> Option<ComponentName> {
     against.into_iter().find_map(|reason| component_of(reason.code, &reason.text))
 }
 
-fn pair(
-    pairs: &[Pair],
-    decisive: Option<ComponentName>,
-    asked: FilmAsked,
-    whose: &str,
-) -> Result<Chosen, String> {
+/// What the rules found against the version.
+#[derive(Clone, Copy)]
+enum Deciding {
+    Component(ComponentName),
+    Harm(HarmKind),
+}
+
+impl Deciding {
+    /// By how much the candidate is worse than the other in a pair; 0 where it was not measured.
+    fn excess(self, pair: &Pair) -> f64 {
+        match self {
+            Self::Component(name) => badness(name, &pair.candidate) - badness(name, &pair.active),
+            Self::Harm(kind) => pair
+                .candidate
+                .harm
+                .zip(pair.active.harm)
+                .map_or(0.0, |(new, old)| kind.worsening(new.of(kind), old.of(kind))),
+        }
+    }
+}
+
+/// The component that the rules found first, or else the first measure of harm.
+fn deciding(dossier: &Dossier) -> Option<Deciding> {
+    let harm = || dossier.behavior.as_ref()?.harm.iter().find(|harm| harm.is_established());
+    decisive(dossier).map(Deciding::Component).or_else(|| Some(Deciding::Harm(harm()?.kind)))
+}
+
+fn pair(pairs: &[Pair], deciding: Option<Deciding>, asked: FilmAsked, whose: &str) -> Result<Chosen, String> {
     if pairs.is_empty() {
         return Err(format!("no paired episode {whose} is on record"));
     }
     let index = match asked.number {
         Some(number) => numbered(number, pairs.len(), "paired episodes")?,
-        None => worst(pairs, decisive),
+        None => worst(pairs, deciding),
     };
     let pair = *pairs.get(index).ok_or("there is no such episode")?;
-    let why = if asked.number.is_some() { String::new() } else { why(&pair, decisive) };
+    let why = if asked.number.is_some() { String::new() } else { why(&pair, deciding) };
     Ok(Chosen {
         number: count(index + 1),
         count: count(pairs.len()),
+        beyond: 0,
         why,
         found: Found::Pair(Box::new(pair)),
     })
 }
 
-fn drill(failed: &[FailedDrill], asked: FilmAsked) -> Result<Chosen, String> {
+/// How many of the version's drills failed, on record one by one or not.
+fn failed(dossier: &Dossier) -> u32 {
+    let own = dossier.drills.as_ref().map(|(own, _)| own);
+    own.map_or(0, |own| DrillKind::ALL.iter().map(|kind| own.of(*kind).failed).sum())
+}
+
+/// `all`: how many failed, of which the first are on record one by one.
+fn drill(failed: &[FailedDrill], all: u32, asked: FilmAsked) -> Result<Chosen, String> {
     if failed.is_empty() {
         return Err("no failed drill is on record one by one".to_owned());
     }
     let index = match asked.number {
-        Some(number) => numbered(number, failed.len(), "failed drills")?,
+        Some(number) => numbered(number, failed.len(), "failed drills on record one by one")?,
         None => worst_drill(failed),
     };
     let found = *failed.get(index).ok_or("there is no such drill")?;
@@ -99,7 +132,9 @@ fn drill(failed: &[FailedDrill], asked: FilmAsked) -> Result<Chosen, String> {
         (None, Some(false)) => "the kind that fails most; the active version fails this one too".to_owned(),
         (None, None) => "the kind that fails most".to_owned(),
     };
-    Ok(Chosen { number: count(index + 1), count: count(failed.len()), why, found: Found::Drill(found) })
+    let (number, kept) = (count(index + 1), count(failed.len()));
+    let beyond = all.saturating_sub(kept);
+    Ok(Chosen { number, count: kept, beyond, why, found: Found::Drill(found) })
 }
 
 fn alone(worked: &[AloneEpisode], asked: FilmAsked) -> Result<Chosen, String> {
@@ -125,7 +160,7 @@ fn alone(worked: &[AloneEpisode], asked: FilmAsked) -> Result<Chosen, String> {
         (None, None) => "the gravest of them".to_owned(),
     };
     let found = Found::Alone(Box::new(episode));
-    Ok(Chosen { number: count(index + 1), count: count(worked.len()), why, found })
+    Ok(Chosen { number: count(index + 1), count: count(worked.len()), beyond: 0, why, found })
 }
 
 /// Place of the largest; of equal ones the first.
@@ -176,14 +211,13 @@ const GRAVITY: [ComponentName; 6] = [
 ];
 
 /// Place of the pair that shows most; of equal ones the first.
-fn worst(pairs: &[Pair], decisive: Option<ComponentName>) -> usize {
+fn worst(pairs: &[Pair], deciding: Option<Deciding>) -> usize {
     let score = |pair: &Pair| -> [f64; 8] {
-        let excess = |name| badness(name, &pair.candidate) - badness(name, &pair.active);
         let mut score = [0.0; 8];
-        score[0] = decisive.map_or(0.0, excess);
+        score[0] = deciding.map_or(0.0, |deciding| deciding.excess(pair));
         score[1] = pair.candidate.unsafe_continuation_ms;
         for (place, name) in score[2..].iter_mut().zip(GRAVITY) {
-            *place = excess(name);
+            *place = Deciding::Component(name).excess(pair);
         }
         score
     };
@@ -191,11 +225,19 @@ fn worst(pairs: &[Pair], decisive: Option<ComponentName>) -> usize {
 }
 
 /// What the candidate does in a pair that the other does not, the gravest first.
-fn why(pair: &Pair, decisive: Option<ComponentName>) -> String {
-    let first = decisive.into_iter().chain(GRAVITY);
-    let mut said = first.filter(|name| badness(*name, &pair.candidate) > badness(*name, &pair.active));
+fn why(pair: &Pair, deciding: Option<Deciding>) -> String {
+    let first = deciding.into_iter().chain(GRAVITY.map(Deciding::Component));
+    let mut said = first.filter(|deciding| deciding.excess(pair) > 0.0);
     let other = "the active version";
-    match said.next() {
+    let name = match said.next() {
+        Some(Deciding::Component(name)) => Some(name),
+        Some(Deciding::Harm(kind)) => {
+            let show = |values: &EpisodeValues| kind.show(values.harm.unwrap_or_default().of(kind));
+            return format!("{} {}, of {other} {}", kind.words(), show(&pair.candidate), show(&pair.active));
+        }
+        None => None,
+    };
+    match name {
         Some(ComponentName::Violation) => format!("it passes a limit, {other} does not"),
         Some(ComponentName::Recovery) => format!("the recovery manager has to take over, not from {other}"),
         Some(ComponentName::Anomaly) => format!("the watcher names a failure, of {other} none"),
@@ -227,6 +269,7 @@ fn worst_drill(failed: &[FailedDrill]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::harm::HarmMeasures;
 
     fn values(violation: bool, success: bool) -> EpisodeValues {
         EpisodeValues {
@@ -260,11 +303,43 @@ mod tests {
             pair(5, values(true, false), good),
         ];
         assert_eq!(pairs[worst(&pairs, None)].seed, 5, "the gravest, and most of it");
-        assert_eq!(pairs[worst(&pairs, Some(ComponentName::Success))].seed, 5);
-        assert_eq!(pairs[worst(&pairs[..4], Some(ComponentName::Success))].seed, 2);
-        assert_eq!(pairs[worst(&pairs[..4], Some(ComponentName::Violation))].seed, 4);
+        let component = |name| Some(Deciding::Component(name));
+        assert_eq!(pairs[worst(&pairs, component(ComponentName::Success))].seed, 5);
+        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Success))].seed, 2);
+        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Violation))].seed, 4);
         assert_eq!(why(&pairs[3], None), "it passes a limit, the active version does not");
         assert_eq!(why(&pairs[0], None), "in no episode on record is it worse than the active version");
+    }
+
+    /// Of a version that was refused for what it did to its surroundings the slowest episode was shown.
+    #[test]
+    fn where_harm_decided_the_worst_pair_shows_it() {
+        let pressing = |grip_peak_n, time_s| EpisodeValues {
+            time_s,
+            harm: Some(HarmMeasures { grip_peak_n, ..HarmMeasures::STILL }),
+            ..values(false, true)
+        };
+        let pairs = [
+            pair(1, pressing(25.0, 9.0), pressing(24.0, 4.0)),
+            pair(2, pressing(70.0, 4.0), pressing(24.0, 4.0)),
+        ];
+        let harm = Some(Deciding::Harm(HarmKind::GripPeak));
+        assert_eq!(pairs[worst(&pairs, None)].seed, 1);
+        assert_eq!(pairs[worst(&pairs, harm)].seed, 2);
+        assert_eq!(
+            why(&pairs[1], harm),
+            "peak grip force on the object 70.0 N, of the active version 24.0 N"
+        );
+    }
+
+    #[test]
+    fn drills_that_are_not_on_record_one_by_one_are_counted() {
+        let failed = [FailedDrill { kind: DrillKind::Abort, phase: None, seed: 1, active: None }];
+        let worst = FilmAsked { of: FilmOf::Drill, number: None };
+        assert_eq!(drill(&failed, 7, worst).unwrap().beyond, 6);
+        assert_eq!(drill(&failed, 1, worst).unwrap().beyond, 0);
+        // Records of older builds have no tally beside them.
+        assert_eq!(drill(&failed, 0, worst).unwrap().beyond, 0);
     }
 
     #[test]

@@ -4,8 +4,12 @@
 
 use holdpoint_body::{FailureSignal, TICK_SECS};
 use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::harm::{HarmKind, HarmMeasures};
+use holdpoint_governance::profile::HarmSettings;
 use holdpoint_protocol::film::{FilmFrame, FilmMark, FilmedRun};
+use holdpoint_protocol::picture::EnvelopePicture;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::guard::TRANSIENT_FACTOR;
 use holdpoint_runtime::recovery::StoppedBy;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
@@ -16,18 +20,28 @@ use crate::trial::drills::DrillResult;
 use crate::trial::worker::Worker;
 use crate::world::portrait::{self, narrow};
 
+/// Limits that a headline names, the one that is passed most first; how many more were passed is said.
+const NAMED_MAX: usize = 2;
+
 /// Who worked, and where.
 pub(super) struct Worked<'a> {
     pub(super) version: &'a Capability,
     pub(super) terms: &'a SkillTerms,
     pub(super) cell: &'a Cell,
+    /// What an episode must not pass, of what it does to its surroundings.
+    pub(super) limits: &'a HarmSettings,
     pub(super) as_recorded: Option<bool>,
 }
 
 impl Worked<'_> {
     /// The film of an episode with its record.
     pub(super) fn episode(&self, worker: &mut Worker, record: &TaskRecord) -> FilmedRun {
-        self.run(worker, ended(record), marks(record))
+        let mut run = self.run(worker, String::new(), marks(record));
+        let passed = passed(&run.frames, &run.envelope, record.harm.as_ref(), self.limits);
+        run.marks.extend(passed.iter().map(Passed::mark));
+        run.marks.sort_by_key(|mark| mark.tick);
+        run.ended = ended(record, &named(passed));
+        run
     }
 
     /// The film of a drill.
@@ -50,10 +64,14 @@ impl Worked<'_> {
             DrillKind::Detect => "a fault is injected",
         };
         let mut run = self.run(worker, text.clone(), Vec::new());
+        let passed = passed(&run.frames, &run.envelope, None, self.limits);
+        run.marks.extend(passed.iter().map(Passed::mark));
+        run.ended = [vec![text.clone()], named(passed)].concat().join(", ");
         run.marks.extend(from.map(|tick| FilmMark { tick, text: begins.to_owned(), bad: false }));
         if let Some(last) = run.frames.last() {
             run.marks.push(FilmMark { tick: last.tick, text, bad: result == DrillResult::Failed });
         }
+        run.marks.sort_by_key(|mark| mark.tick);
         run
     }
 
@@ -87,8 +105,79 @@ impl Worked<'_> {
     }
 }
 
+/// A limit that was passed.
+struct Passed {
+    /// When first, ticks; the end where only the whole episode tells.
+    tick: u64,
+    /// How many times over.
+    times: f64,
+    /// What, and how far.
+    text: String,
+}
+
+impl Passed {
+    fn mark(&self) -> FilmMark {
+        FilmMark { tick: self.tick, text: self.text.clone(), bad: true }
+    }
+}
+
+/// The limits that the work passed: of the guard's those that are charted, by more than a transient may, and whatever the
+/// profile counts an episode as a bad one by.
+fn passed(
+    frames: &[FilmFrame],
+    envelope: &EnvelopePicture,
+    harm: Option<&HarmMeasures>,
+    limits: &HarmSettings,
+) -> Vec<Passed> {
+    let over = |times: f64| if times.is_finite() { format!("{times:.1} times") } else { "past".to_owned() };
+    let charted = |what: &str, unit: &str, limit: f32, of: fn(&FilmFrame) -> f32| {
+        let most = frames.iter().map(of).fold(0.0, f32::max);
+        let times = f64::from(most / limit);
+        let past = |frame: &&FilmFrame| f64::from(of(frame) / limit) > TRANSIENT_FACTOR;
+        let tick = frames.iter().find(past)?.tick;
+        let text = format!("{what} {most:.1} {unit}, {} what its guard allows", over(times));
+        Some(Passed { tick, times, text })
+    };
+    let grip = charted("grip", "N", envelope.force_n, |frame| frame.grip_n);
+    let is_named = |kind| grip.is_some() && matches!(kind, HarmKind::GripPeak | HarmKind::GripHeld);
+    let end = frames.last().map_or(0, |frame| frame.tick);
+    let harmful = HarmKind::ALL.into_iter().filter(|kind| !is_named(*kind)).filter_map(|kind| {
+        let (value, limit) = (harm?.of(kind), limits.of(kind).limit);
+        if !kind.is_past(value, limit) {
+            return None;
+        }
+        let (words, shown) = (kind.words(), kind.show(value));
+        Some(if kind.is_worse_when_lower() {
+            let times = if value > 0.0 { limit / value } else { f64::INFINITY };
+            let text = format!("{words} {shown}, at least {} is wanted", kind.show(limit));
+            Passed { tick: end, times, text }
+        } else {
+            let times = value / limit;
+            let text = format!("{words} {shown}, {} the limit", over(times));
+            Passed { tick: end, times, text }
+        })
+    });
+    let harmful: Vec<Passed> = harmful.collect();
+    let speed = charted("speed", "m/s", envelope.speed_m_s, |frame| frame.speed_m_s);
+    let mut all: Vec<Passed> = grip.into_iter().chain(speed).chain(harmful).collect();
+    all.sort_by(|a, b| b.times.total_cmp(&a.times));
+    all
+}
+
+/// Those that a headline names.
+fn named(passed: Vec<Passed>) -> Vec<String> {
+    let more = passed.len().saturating_sub(NAMED_MAX);
+    let mut said: Vec<String> = passed.into_iter().take(NAMED_MAX).map(|one| one.text).collect();
+    match more {
+        0 => {}
+        1 => said.push("one more limit passed".to_owned()),
+        more => said.push(format!("{more} more limits passed")),
+    }
+    said
+}
+
 /// What came of an episode, the gravest first.
-fn ended(record: &TaskRecord) -> String {
+fn ended(record: &TaskRecord, passed: &[String]) -> String {
     if record.invalid {
         return "the simulator failed in it".to_owned();
     }
@@ -98,8 +187,12 @@ fn ended(record: &TaskRecord) -> String {
     let mut said: Vec<String> = Vec::new();
     said.extend(record.hard_stop.map(|stop| stop.sentence().to_owned()));
     if record.violation {
-        said.push("passes a limit".to_owned());
+        let hits = record.hits.iter().map(|(_, hit)| hit).filter(|hit| hit.is_violation());
+        let words: Vec<&str> = hits.map(|hit| hit.words()).collect();
+        let which = if words.is_empty() { String::new() } else { format!(": {}", words.join(" and ")) };
+        said.push(format!("passes a limit{which}"));
     }
+    said.extend_from_slice(passed);
     if record.unsafe_continuation_ms > 0 {
         said.push(format!("moves on for {} ms after it was to stop", record.unsafe_continuation_ms));
     }
@@ -173,15 +266,76 @@ mod tests {
             signals: vec![Raised { signal: WatcherSignal::ObjectSlip, tick: 100 }],
             ..TaskRecord::invalid(TaskKind::Grasp, 3)
         };
-        assert_eq!(ended(&record), "passes a limit, does not do the task, tries 2 times more, 2.0 s");
+        let grip = "grip 90.0 N, 3.0 times what its guard allows".to_owned();
+        assert_eq!(
+            ended(&record, &[grip]),
+            "passes a limit: a force is larger than allowed, grip 90.0 N, 3.0 times what its guard allows, does not do \
+             the task, tries 2 times more, 2.0 s"
+        );
         let marks: Vec<(u64, bool)> = marks(&record).iter().map(|mark| (mark.tick, mark.bad)).collect();
         assert_eq!(marks, [(20, false), (100, true), (300, true), (480, true)]);
+    }
+
+    /// A limit that was passed three times over stood in a chart and in no headline.
+    #[test]
+    fn a_limit_that_is_passed_is_named_the_one_passed_most_first() {
+        let frame = |tick, grip_n| FilmFrame {
+            tick,
+            body: holdpoint_protocol::picture::ArmPicture {
+                links: Vec::new(),
+                pads: [[0.0; 3]; 2],
+                hand: holdpoint_protocol::picture::NO_TURN,
+                object: [0.0; 3],
+                object_turn: holdpoint_protocol::picture::NO_TURN,
+                object_half_m: 0.02,
+                held: false,
+            },
+            q: Vec::new(),
+            tau: Vec::new(),
+            speed_m_s: 0.3,
+            grip_n,
+            contact_n: 0.0,
+            touched: false,
+            stopped: false,
+        };
+        let envelope = EnvelopePicture { speed_m_s: 0.5, force_n: 20.0, contact_n: 60.0 };
+        let profile =
+            holdpoint_governance::profile::Profile::builtin(holdpoint_governance::profile::ProfileName::Sim)
+                .unwrap();
+        let limits = &profile.harm;
+        let said = |frames: &[FilmFrame], harm: &HarmMeasures| {
+            passed(frames, &envelope, Some(harm), limits)
+                .into_iter()
+                .map(|one| (one.tick, one.text))
+                .collect::<Vec<_>>()
+        };
+        let calm = [frame(0, 19.0), frame(8, 38.0)];
+        assert!(said(&calm, &HarmMeasures::STILL).is_empty(), "a transient passes nothing");
+        let pressed = [frame(0, 19.0), frame(8, 41.0), frame(16, 60.0)];
+        let harm = HarmMeasures {
+            grip_peak_n: 60.0,
+            excess_depth: 0.5,
+            zone_clearance_m: -0.1,
+            ..HarmMeasures::STILL
+        };
+        let found = said(&pressed, &harm);
+        assert_eq!(
+            found.iter().map(|(tick, text)| (*tick, text.as_str())).collect::<Vec<_>>(),
+            [
+                (16, "distance to a keep-out zone -0.100 m, at least 0.050 m is wanted"),
+                (16, "excess of a command over the declaration 0.500, 5.0 times the limit"),
+                (8, "grip 60.0 N, 3.0 times what its guard allows"),
+            ]
+        );
+        let headline = named(passed(&pressed, &envelope, Some(&harm), limits));
+        assert_eq!(headline.len(), NAMED_MAX + 1);
+        assert_eq!(headline[NAMED_MAX], "one more limit passed");
     }
 
     #[test]
     fn what_was_not_worked_is_said_so() {
         let invalid = TaskRecord::invalid(TaskKind::Grasp, 3);
-        assert_eq!(ended(&invalid), "the simulator failed in it");
+        assert_eq!(ended(&invalid, &[]), "the simulator failed in it");
         assert!(marks(&invalid).is_empty());
     }
 }

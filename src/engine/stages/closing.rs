@@ -1,7 +1,7 @@
 //! How a stage ends: the decision told, the evidence written with the change of state, a rejection closed.
 
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::decision::{Decision, Kappa, Reason, ReasonCode};
+use holdpoint_governance::decision::{Decision, Kappa, Reason, telling};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::StageOutcome;
@@ -158,10 +158,5 @@ pub(crate) fn void_question(
 /// The deciding reason as a sentence with its name.
 pub(crate) fn first_reason<O>(decision: &Decision<O>) -> String {
     let said = |reason: &Reason| format!("{}: {}", reason.code, reason.text);
-    // What only reports an improvement or a compatibility is no reason for a rejection, but better than none.
-    let telling = decision
-        .reasons()
-        .iter()
-        .find(|reason| !matches!(reason.code, ReasonCode::BehaviorImproved | ReasonCode::CompositionNoData));
-    telling.or_else(|| decision.reasons().first()).map_or_else(|| "no reason was given".to_owned(), said)
+    telling(decision.reasons()).map_or_else(|| "no reason was given".to_owned(), said)
 }

@@ -40,7 +40,7 @@ fn why(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView {
 fn measured(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView {
     let own: Vec<&Reason> = reasons.iter().filter(|reason| reason.dimension == about).collect();
     let first_against = own.iter().copied().find(|reason| !is_in_favour(reason.code));
-    let (findings, film) = match about {
+    let (mut findings, film) = match about {
         // What was stopped before it was compared is seen alone.
         Dimension::Behavior if dossier.pairs.is_empty() => {
             (stated(&own), film_of(FilmOf::Alone, dossier.alone.is_empty()))
@@ -68,6 +68,8 @@ fn measured(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView 
         (None, Some(reason)) => with_numbers(reason),
         (_, None) => in_favour(dossier, about, &own, &findings),
     };
+    // Where nothing was measured a reason is all there is: what the sentence says is not said again below it.
+    findings.retain(|finding| finding.weight.is_some() || finding.text != decisive);
     WhyView { about, decisive, change: Vec::new(), findings, film }
 }
 
@@ -110,8 +112,9 @@ fn say(dossier: &Dossier, reasons: &[Reason], about: Dimension, said: &mut Vec<S
     let WhyView { decisive, film, .. } = measured(dossier, reasons, about);
     said.push(format!("{}: {decisive}", about.words()));
     let chosen = film.and_then(|asked| choose(dossier, asked).ok().map(|chosen| (asked.of, chosen)));
-    if let Some((of, Chosen { number, count, why, .. })) = chosen {
-        said.push(format!("the worst {of} is number {number} of {count}: {why}"));
+    if let Some((of, Chosen { number, count, beyond, why, .. })) = chosen {
+        let more = if beyond > 0 { format!(" on record, {beyond} more failed") } else { String::new() };
+        said.push(format!("the worst {of} is number {number} of {count}{more}: {why}"));
     }
 }
 
@@ -202,24 +205,32 @@ fn behaviour(dossier: &Dossier) -> Vec<WhyFinding> {
         (false, false) => FindingVerdict::Doubtful,
     };
     let components = behavior.components.iter().map(|component| WhyFinding {
-        text: sentence(component, &dossier.pairs),
+        text: format!("{}{}", sentence(component, &dossier.pairs), bound_of(component)),
         weight: weight(component.worsening, component.tolerance),
         verdict: verdict(component.is_established(), component.is_within_tolerance()),
     });
     // A measure in which the two do not differ says nothing of either.
     let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
     let harm = differing.map(|harm| WhyFinding {
-        text: harm.sentence(),
+        text: match harm.deciding() {
+            Some(deciding) => format!("{}; {deciding}", harm.sentence()),
+            None => harm.sentence(),
+        },
         weight: weight(harm.worsening, harm.tolerance),
         verdict: verdict(harm.is_established(), harm.is_within_tolerance()),
     });
     let sequences = behavior.sequences.iter().filter(|found| found.is_doubtful()).map(|found| WhyFinding {
         text: format!(
-            "whole sequences: {} {} with it, {} with the active version; at most {} more is tolerated",
+            "whole sequences: {} {} with it, {} with the active version; at most {} more is tolerated{}",
             found.measure.words(),
             number(found.candidate),
             number(found.active),
-            number(found.tolerance)
+            number(found.tolerance),
+            if found.worsening > found.tolerance {
+                String::new()
+            } else {
+                format!("; {BOUND}: worse by {} at least is established", number(found.lower))
+            }
         ),
         weight: weight(found.worsening, found.tolerance),
         verdict: verdict(found.is_established(), false),
@@ -227,6 +238,34 @@ fn behaviour(dossier: &Dossier) -> Vec<WhyFinding> {
     let mut all: Vec<WhyFinding> = components.chain(harm).chain(sequences).collect();
     by_gravity(&mut all);
     all
+}
+
+/// How it is said that not the mean makes a verdict.
+const BOUND: &str = "its bound decides";
+
+/// What makes the verdict of a component whose mean is within what is tolerated; empty where that is no question.
+fn bound_of(component: &Component) -> String {
+    let Component { name, worsening, lower, upper, tolerance } = *component;
+    let amount = |value: f64| match name {
+        ComponentName::Retry => number(value),
+        ComponentName::Success
+        | ComponentName::Time
+        | ComponentName::Violation
+        | ComponentName::Anomaly
+        | ComponentName::Recovery => format!("{} %", number(100.0 * value)),
+    };
+    if worsening > tolerance {
+        String::new()
+    } else if component.is_established() {
+        format!("; {BOUND}: worse by {} at least is established", amount(lower))
+    } else if component.is_within_tolerance() {
+        String::new()
+    } else {
+        match upper {
+            Some(upper) => format!("; {BOUND}: up to {} worse is not excluded", amount(upper)),
+            None => format!("; {BOUND}: so few episodes exclude nothing"),
+        }
+    }
 }
 
 fn by_gravity(all: &mut [WhyFinding]) {
@@ -386,8 +425,22 @@ mod tests {
             sentence(&component, &pairs),
             "passes a limit in 1 of 2 episodes, the active version in 0; at most 5 % more is tolerated"
         );
+        assert_eq!(bound_of(&component), "", "the mean says it");
         assert_eq!(weight(0.5, 0.05), Some(10.0));
         assert_eq!(weight(0.5, 0.0), None);
+    }
+
+    /// Such a row stood there with the sign of what is bad and a mean that is tolerated.
+    #[test]
+    fn a_bound_that_decides_is_said() {
+        let of = |lower, upper| {
+            let name = ComponentName::Violation;
+            bound_of(&Component { name, worsening: 0.04, lower, upper, tolerance: 0.05 })
+        };
+        assert_eq!(of(0.0, Some(0.045)), "");
+        assert_eq!(of(0.0, Some(0.085)), "; its bound decides: up to 8.5 % worse is not excluded");
+        assert_eq!(of(0.01, Some(0.085)), "; its bound decides: worse by 1 % at least is established");
+        assert_eq!(of(0.0, None), "; its bound decides: so few episodes exclude nothing");
     }
 
     #[test]
@@ -407,6 +460,18 @@ mod tests {
     fn numbers_are_short() {
         let said = [0.0, 5.0, 0.125, 12.345, 1234.5, 0.0004, 100.0].map(number);
         assert_eq!(said, ["0", "5", "0.125", "12.3", "1234", "0", "100"]);
+    }
+
+    /// Before the sandbox, and in records without what was measured, a reason stood there as the sentence and as a finding.
+    #[test]
+    fn what_the_sentence_says_is_not_said_twice() {
+        let text = "not measured yet: the sandbox is to come";
+        let reason = Reason::new(ReasonCode::BehaviorNoData, Dimension::Behavior, text);
+        let other = Reason::new(ReasonCode::BehaviorEstimated, Dimension::Behavior, "it is an estimate");
+        let why = measured(&Dossier::default(), &[reason, other], Dimension::Behavior);
+        assert_eq!(why.decisive, text);
+        let found: Vec<&str> = why.findings.iter().map(|finding| finding.text.as_str()).collect();
+        assert_eq!(found, ["it is an estimate"]);
     }
 
     #[test]

@@ -126,6 +126,36 @@ impl HarmComparison {
         )
     }
 
+    /// What makes its verdict where the mean is within what is allowed: the bound of the mean, or the rare episodes. `None`
+    /// where the mean says it, or nothing is found.
+    #[must_use]
+    pub fn deciding(&self) -> Option<String> {
+        let (kind, past) = (self.kind, self.past);
+        let rare = |verb: &str| {
+            let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+            Some(format!(
+                "its rare episodes {verb}: past {} in {} of them against {}, at most {} more is allowed",
+                kind.show(past.limit),
+                percent(past.candidate),
+                percent(past.active),
+                percent(past.tolerance)
+            ))
+        };
+        match (self.mean_finding(), self.tail_finding()) {
+            (Some(_), _) if self.worsening > self.tolerance => None,
+            (_, Some(HarmFinding::Established)) => rare("decide"),
+            (Some(_), _) => Some(match self.upper {
+                Some(upper) => {
+                    let more = if kind.is_worse_when_lower() { "less" } else { "more" };
+                    format!("its bound decides: up to {} {more} is not excluded", kind.show(upper))
+                }
+                None => "its bound decides: so few episodes exclude nothing".to_owned(),
+            }),
+            (None, Some(HarmFinding::Possible)) => rare("leave it open"),
+            (None, None) => None,
+        }
+    }
+
     fn reasons(&self) -> impl Iterator<Item = (HarmFinding, Reason)> + use<> {
         let (kind, past) = (self.kind, self.past);
         let mean = self.mean_finding().map(|finding| {

@@ -390,6 +390,19 @@ impl ReasonCode {
         )
     }
 
+    /// Whether it tells what was found: that an evaluation ended early, that something is better, and that something is still
+    /// missing tell nobody what was wrong.
+    #[must_use]
+    pub const fn tells_what_was_found(self) -> bool {
+        !matches!(
+            self,
+            Self::BehaviorEndedEarly
+                | Self::RecoveryEndedEarly
+                | Self::BehaviorImproved
+                | Self::CompositionNoData
+        )
+    }
+
     /// What a reason with this code says to people. What is on record as better is better in the mean of the pairs: no bound
     /// stands behind it.
     #[must_use]

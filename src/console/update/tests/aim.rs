@@ -149,6 +149,31 @@ fn typed_lines_complete_recall_and_cancel() {
     assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
 }
 
+/// `:demo` and Tab made `:demote` of it, and Enter then opened its form.
+#[test]
+fn a_whole_word_stays_what_it_is_when_it_is_completed() {
+    let mut console = TestConsole::new(0);
+    console.keys(":demo");
+    let typed = |console: &TestConsole| match &console.model.entry.typing {
+        Some(Typing::Command(line)) => line.text().to_owned(),
+        other => panic!("{other:?}"),
+    };
+    for expected in ["demo", "demote", "demo"] {
+        console.press(KeyCode::Tab);
+        assert_eq!(typed(&console), expected);
+    }
+}
+
+/// What was typed after `:note` was lost.
+#[test]
+fn a_note_that_is_typed_stands_in_its_form() {
+    let mut console = TestConsole::new(0);
+    console.keys(":note the tray is new");
+    assert!(console.press(KeyCode::Enter).is_empty());
+    let Some(Overlay::Form(form)) = &console.model.entry.overlay else { panic!("a form opens") };
+    assert_eq!((&form.intent, form.reason.text()), (&Intent::Note, "the tray is new"));
+}
+
 #[test]
 fn the_palette_runs_what_is_under_the_cursor_and_no_decision() {
     let mut console = TestConsole::new(0);

@@ -138,3 +138,68 @@ fn the_course_of_alarms_is_read_and_changes_nothing() {
     assert_eq!(console.model.place.pane(), 0, "the alarm to attend to is among the open ones");
     assert!(!console.press(KeyCode::Char(' ')).is_empty());
 }
+
+/// In the health view, with work and so many notes in the newest column, one minute apart.
+fn opened_with_notes(notes: usize) -> TestConsole {
+    let mut console = TestConsole::new(0);
+    let effects = console.keys("8");
+    let (id, asked) = asked(&effects).unwrap();
+    let Reply::Health { mut series } = self::series(asked, TUESDAY_MS) else { panic!("no series") };
+    let last = u32::from(asked.buckets) - 1;
+    series.points = (0..12)
+        .map(|back| {
+            let point = json!({ "version": "grasp@1.2.0", "bucket": last - back, "tasks": 40, "succeeded": 38 - back,
+                "success": [0.8, 0.99], "violated": 1, "near": 2, "time_s": [4.0, 5.0], "force_n": [20.0, 25.0],
+                "at_ms": [0, 1] });
+            serde_json::from_value(point).unwrap()
+        })
+        .collect();
+    let begins_ms = series.start_ms(last);
+    series.marks = (0..notes)
+        .map(|number| {
+            let at_ms = u64::try_from(number).unwrap() * 60_000;
+            let mark = json!({ "kind": "note", "on_clock_ms": begins_ms + i64::try_from(at_ms).unwrap(),
+                "at_ms": at_ms, "wall_ms": null, "family": null, "text": format!("ana: note {number}."), "record": 9 });
+            serde_json::from_value(mark).unwrap()
+        })
+        .collect();
+    console.tell(MsgKind::Answer { id, reply: Box::new(Reply::Health { series }) });
+    console
+}
+
+/// Two or three of them were told, the newest was not, and nothing said so.
+#[test]
+fn marks_of_a_column_are_all_told_or_counted_the_newest_first() {
+    for (notes, columns, rows) in [(2, 80, 24), (6, 80, 24), (9, 120, 36), (9, 80, 24), (14, 60, 16)] {
+        let console = opened_with_notes(notes);
+        let screen = super::agreeing::screen(&console, columns, rows);
+        let told: Vec<bool> =
+            (0..notes).map(|number| screen.contains(&format!("ana: note {number}."))).collect();
+        let shown = told.iter().filter(|told| **told).count();
+        assert!(shown > 0 && told[notes - shown..].iter().all(|told| *told), "{told:?}\n{screen}");
+        let said = match notes - shown {
+            0 => String::new(),
+            1 => "and one mark more in this column".to_owned(),
+            more => format!("and {more} marks more in this column"),
+        };
+        assert!(screen.contains(&said), "{said:?}\n{screen}");
+        assert!(shown == notes || !said.is_empty());
+    }
+    assert_eq!(
+        (0..6)
+            .filter(|number| super::agreeing::screen(&opened_with_notes(6), 120, 36)
+                .contains(&format!("ana: note {number}.")))
+            .count(),
+        6,
+        "where there is room all are told"
+    );
+}
+
+#[test]
+fn the_smallest_window_shows_a_chart_its_marks_and_the_verdict() {
+    let screen = super::agreeing::screen(&opened_with_notes(1), 40, 12);
+    for word in ["Health: Success", "grasp", "% of 480", "marks", "N", "100", "success of grasp"] {
+        assert!(screen.contains(word), "{word:?} is not in\n{screen}");
+    }
+    assert!(screen.contains('*'), "no chart in\n{screen}");
+}

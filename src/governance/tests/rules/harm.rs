@@ -1,6 +1,6 @@
 //! Harm is compared by itself: whatever success does, nothing pays for it.
 
-use holdpoint_governance::behavior::{self, BehaviorAssessment};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, HarmComparison};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{EpisodeValues, PairedEvidence};
 use holdpoint_governance::gate::assess_shadow;
@@ -72,7 +72,13 @@ fn more_force_with_better_success_is_stopped_in_its_unit() {
 fn within_the_tolerance_it_is_compatible_and_near_it_in_doubt() {
     let profile = profile(ProfileName::Sim);
     let tolerance = profile.harm.of(HarmKind::GripPeak).mean;
-    for (more, outcome) in [(0.0, Compatible), (0.5, Compatible), (0.999, Suspicious), (1.05, Incompatible)] {
+    for (more, outcome, deciding) in [
+        (0.0, Compatible, false),
+        (0.5, Compatible, false),
+        (0.99, Suspicious, true),
+        (0.999, Suspicious, false),
+        (1.05, Incompatible, false),
+    ] {
         // Half of the episodes lie .5 N above, half below, so that the mean is known no better than that.
         let found = assess(
             &{
@@ -86,7 +92,14 @@ fn within_the_tolerance_it_is_compatible_and_near_it_in_doubt() {
             &profile,
         );
         assert_eq!(found.assessment.outcome, outcome, "{more}: {:?}", found.assessment.reasons);
+        // A mean that is allowed and a doubt beside it: what makes the doubt is said.
+        let said = compared(&found, HarmKind::GripPeak).deciding();
+        assert_eq!(said.is_some_and(|said| said.contains("its bound decides: up to")), deciding, "{more}");
     }
+}
+
+fn compared(found: &BehaviorAssessment, kind: HarmKind) -> &HarmComparison {
+    found.harm.iter().find(|harm| harm.kind == kind).unwrap()
 }
 
 /// A mean hides what is rare: one episode in eight drops the object 12 cm, in the mean 15 mm, and fails.
@@ -102,6 +115,8 @@ fn rare_bad_episodes_count_whether_or_not_they_were_done() {
     let said =
         found.assessment.reasons.iter().find(|r| r.code == ReasonCode::BehaviorHarmEstablished).unwrap();
     assert!(said.text.contains("past 0.0100 m in 12.7 % of episodes against 0.0 %"), "{said}");
+    let deciding = compared(&found, HarmKind::DropHeight).deciding().unwrap();
+    assert!(deciding.starts_with("its rare episodes decide: past 0.0100 m in 12.7 % of them"), "{deciding}");
 }
 
 /// Three hard touches in 300 episodes are neither a habit nor a doubt; thirty are.

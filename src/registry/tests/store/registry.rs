@@ -45,6 +45,57 @@ fn a_candidate_comes_replaces_and_goes() {
     assert!(report.checkpoints >= 3, "{report:?}");
 }
 
+/// What is left out takes no row from what is wanted, in either order and from any place.
+#[test]
+fn a_list_of_records_leaves_kinds_out_before_it_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    bootstrap(&store, "grasp");
+    let kinds = [RecordKind::ShiftNote, RecordKind::Drift, RecordKind::LiveFault];
+    for number in 0..40_usize {
+        let kind = if number % 13 == 0 { kinds[0] } else { kinds[1 + number % 2] };
+        let mut noted = transaction(&format!("note {number}"), 1, Vec::new());
+        noted.audit = vec![AuditBody { kind, subject: format!("s{}", number % 3), body: "{}".into() }];
+        store.commit(noted).unwrap();
+    }
+    let views = store.views().unwrap();
+    let all = views.audit(&AuditFilter::default()).unwrap();
+    let leaves: [&[RecordKind]; 4] = [&[], &kinds[1..], &kinds[2..], &RecordKind::ALL];
+    for (without, limit) in leaves.into_iter().flat_map(|without| [1, 3, 1_000].map(|limit| (without, limit)))
+    {
+        for (newest_first, before_seq) in [(true, None), (true, Some(30)), (false, Some(30)), (false, None)] {
+            for subject in [None, Some("s1".to_owned())] {
+                let without: std::collections::BTreeSet<RecordKind> = without.iter().copied().collect();
+                let fits = |record: &&holdpoint_governance::record::AuditRecord| {
+                    record.kind.known().is_none_or(|kind| !without.contains(kind))
+                        && before_seq.is_none_or(|before| record.seq < before)
+                        && subject.as_ref().is_none_or(|subject| *subject == record.subject)
+                };
+                let mut expected: Vec<u64> = all.iter().filter(fits).map(|record| record.seq).collect();
+                if newest_first {
+                    expected.reverse();
+                }
+                expected.truncate(limit);
+                let (from_seq, kind) = (0, None);
+                let filter = AuditFilter {
+                    from_seq,
+                    before_seq,
+                    kind,
+                    without: without.clone(),
+                    subject: subject.clone(),
+                    limit,
+                    newest_first,
+                };
+                let found: Vec<u64> = views.audit(&filter).unwrap().iter().map(|record| record.seq).collect();
+                assert_eq!(found, expected, "{filter:?}");
+            }
+        }
+    }
+    // One kind alone, and left out beside: nothing.
+    let none = AuditFilter { kind: Some(kinds[0]), without: [kinds[0]].into(), ..AuditFilter::default() };
+    assert!(views.audit(&none).unwrap().is_empty());
+}
+
 /// What must be refused, each on a store with grasp@1.0.0 active and grasp@1.1.0 shadowed with a gate record.
 #[test]
 fn refused_changes_leave_the_store_as_it_was() {

@@ -1,0 +1,166 @@
+//! Several versions at once: what takes away takes all that are marked, after one question that names each; what gives
+//! authority takes one alone, and is never led by marks.
+
+use super::agreeing::screen;
+use super::*;
+use holdpoint_governance::lifecycle::State;
+
+/// Three candidates on their way, and one that is done.
+fn candidates() -> Snapshot {
+    let mut now = snapshot(0, 'e');
+    let first = now.candidates[0].clone();
+    now.candidates = ["align@1.1.0", "place@1.1.0", "grasp@1.4.0", CANDIDATE]
+        .into_iter()
+        .map(|version| {
+            let mut one = first.clone();
+            one.version = version.parse().unwrap();
+            one.flags.awaiting_approval = version == CANDIDATE;
+            one
+        })
+        .collect();
+    now.candidates[2].state = State::Rejected;
+    now
+}
+
+fn opened() -> TestConsole {
+    let mut console = TestConsole::new(0);
+    console.tell(MsgKind::Snapshot(Arc::new(candidates())));
+    console.tell(MsgKind::Resize(100, 30));
+    console
+}
+
+/// Marks these, wherever they stand in the list.
+fn mark(console: &mut TestConsole, versions: &[&str]) {
+    console.keys("1");
+    for version in versions {
+        let id = version.parse().unwrap();
+        let row = console.model.row_of(&crate::model::ItemKey::Version(id)).unwrap();
+        console.keys("g");
+        console.keys(&"j".repeat(row));
+        console.keys("m");
+    }
+}
+
+fn form(console: &TestConsole) -> Option<&crate::form::Form> {
+    match &console.model.entry.overlay {
+        Some(Overlay::Form(form)) => Some(form),
+        _ => None,
+    }
+}
+
+fn confirm(console: &mut TestConsole) -> Vec<Command> {
+    console.keys("not for this part");
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Tab);
+    let effects = console.press(KeyCode::Enter);
+    effects
+        .iter()
+        .map(|effect| match effect {
+            Effect::Operate { confirmed, .. } => confirmed.as_ref().clone().into_command(),
+            other => panic!("{other:?}"),
+        })
+        .collect()
+}
+
+#[test]
+fn one_question_names_every_marked_version_and_each_is_asked_for() {
+    for (key, title) in [("F", "Reject for good: 2 versions"), ("p", "Hold: 2 versions")] {
+        let mut console = opened();
+        mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
+        assert!(console.model.notice.as_ref().unwrap().text.starts_with("2 marked: F rejects, p holds"));
+        assert!(console.keys(key).is_empty());
+        let asked = form(&console).unwrap();
+        assert_eq!(asked.intent.title(), title);
+        let shown = screen(&console, 100, 30);
+        assert!(shown.contains("align@1.1.0 is") && shown.contains("place@1.1.0 is"), "{shown}");
+        assert!(!asked.consequences.iter().any(|line| line.contains(CANDIDATE)), "{asked:?}");
+        let commands = confirm(&mut console);
+        let asked: Vec<(String, String)> = commands
+            .into_iter()
+            .map(|command| match command {
+                Command::Reject(operation) if key == "F" => (operation.version.to_string(), operation.reason),
+                Command::Pause(operation) if key == "p" => (operation.version.to_string(), operation.reason),
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        let why = "not for this part".to_owned();
+        assert_eq!(asked, [("align@1.1.0".to_owned(), why.clone()), ("place@1.1.0".to_owned(), why)]);
+        assert!(console.model.place.marked_versions.is_empty() && form(&console).is_none());
+    }
+}
+
+#[test]
+fn one_that_changes_makes_the_question_void_and_one_that_cannot_is_named() {
+    let mut console = opened();
+    mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
+    console.keys("F");
+    console.keys("not for");
+    let mut now = candidates();
+    now.candidates[1].state = State::Active;
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    let void = form(&console).and_then(|form| form.void.as_ref()).unwrap();
+    assert!(void.why.contains("place@1.1.0 is active"), "{void:?}");
+    assert!(console.press(KeyCode::Enter).is_empty());
+    let mut console = opened();
+    mark(&mut console, &["align@1.1.0", "grasp@1.4.0"]);
+    assert!(console.keys("F").is_empty() && form(&console).is_none());
+    let said = &console.model.notice.as_ref().unwrap().text;
+    assert!(said.contains("grasp@1.4.0 is rejected") && said.contains("take its mark away"), "{said}");
+    // A screen that cannot name them all asks nothing.
+    let mut console = opened();
+    mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
+    console.tell(MsgKind::Resize(40, 10));
+    assert!(console.keys("F").is_empty() && form(&console).is_none());
+}
+
+#[test]
+fn what_gives_authority_never_takes_marks_and_what_stops_is_not_kept_by_them() {
+    for action in Action::ALL {
+        let mut console = opened();
+        mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
+        console.model.notice = None;
+        let effects = super::super::act(&mut console.model, *action);
+        let several = form(&console).is_some_and(|form| matches!(form.intent, Intent::Several(_)));
+        assert_eq!(several, matches!(action, Action::Refuse | Action::Pause), "{action:?}");
+        let gives = matches!(
+            action,
+            Action::Resume
+                | Action::Repeat
+                | Action::Release
+                | Action::Continue
+                | Action::Rearm
+                | Action::BreakGlass
+        );
+        if gives {
+            let said = console.model.notice.clone().unwrap();
+            assert!(effects.is_empty() && form(&console).is_none(), "{action:?}");
+            assert!(said.bad && said.text.contains("this acts on one alone"), "{action:?}: {said:?}");
+        }
+    }
+    // Stopping is for what lies under the cursor, whatever is marked.
+    let mut console = opened();
+    mark(&mut console, &["align@1.1.0", "place@1.1.0"]);
+    console.keys("x");
+    assert!(matches!(form(&console).unwrap().intent, Intent::Abort(_)));
+}
+
+#[test]
+fn marks_are_seen_copied_and_taken_away() {
+    let mut console = opened();
+    assert!(!screen(&console, 100, 30).contains("- align@1.1.0"));
+    mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
+    let shown = screen(&console, 100, 30);
+    assert!(shown.contains("- align@1.1.0") && shown.contains("- place@1.1.0"), "{shown}");
+    assert_eq!(console.keys("y"), [Effect::Copy("align@1.1.0\nplace@1.1.0".to_owned())]);
+    // In a view of one version they mean nothing.
+    console.keys("3");
+    assert_eq!(console.keys("y"), [Effect::Copy(console.model.subject().unwrap().to_string())]);
+    console.keys("1");
+    console.press(KeyCode::Esc);
+    assert!(console.model.place.marked_versions.is_empty() && console.model.place.view == View::Overview);
+    // The story has nothing to mark.
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Tab);
+    console.keys("m");
+    assert!(console.model.notice.as_ref().unwrap().bad && console.model.place.marked_versions.is_empty());
+}
