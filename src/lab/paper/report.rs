@@ -11,7 +11,7 @@ use super::figures::Comparison;
 use super::printed::Printed;
 use super::run::Plan;
 use super::screen::{ScreenRow, Variant};
-use super::sections::{self, Section};
+use super::sections::{self, Section, seeds_in};
 use super::{RoundRow, csv};
 use crate::experiment::{ExperimentError, write_whole};
 
@@ -67,16 +67,18 @@ pub fn write(
     std::fs::create_dir_all(out).map_err(ExperimentError::file(out))?;
     let printed = Printed::builtin()?;
     let ablated = of_ablated_seeds(pools);
+    let of = plan.preset.size().seeds;
+    let [of_pools, of_ablated] = [pools, &ablated].map(|rows| seeds_in(rows, |row| row.seed));
     let mut all = vec![
-        sections::screening(pools, &printed)?,
-        sections::deployment(rounds, &printed)?,
-        sections::shadow(&ablated, &printed)?,
+        sections::screening(pools, &printed)?.of_seeds(of_pools, of),
+        sections::deployment(rounds, &printed)?.of_seeds(seeds_in(rounds, |row| row.seed), of),
+        sections::shadow(&ablated, &printed)?.of_seeds(of_ablated, of),
     ];
     all.extend(more);
-    all.push(sections::profiles(pools, &printed)?);
-    all.push(sections::sensitivity(&ablated, &printed)?);
-    all.push(sections::ablation(rounds, &ablated, &printed)?);
-    all.push(sections::meta_faults(&ablated)?);
+    all.push(sections::profiles(pools, &printed)?.of_seeds(of_pools, of));
+    all.push(sections::sensitivity(&ablated, &printed)?.of_seeds(of_ablated, of));
+    all.push(sections::ablation(rounds, &ablated, &printed, of)?.of_seeds(of_ablated, of));
+    all.push(sections::meta_faults(&ablated)?.of_seeds(of_ablated, of));
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
     let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());

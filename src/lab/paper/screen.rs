@@ -184,3 +184,36 @@ fn row(ground: &Ground, piece: Piece<'_>) -> Result<ScreenRow, ExperimentError> 
         end: if same { whole } else { end(variant)? },
     })
 }
+
+/// A row of a candidate of seed 40 under the profile `sim`.
+#[cfg(test)]
+pub(super) fn screened(name: &str, class: Class, variant: Variant, fate: Fate) -> ScreenRow {
+    use crate::experiment::candidate::{Afterwards, Effort};
+    use holdpoint_protocol::standing::Stands;
+
+    let end = CandidateEnd {
+        name: name.to_owned(),
+        version: "grasp@1.1.1".parse().unwrap(),
+        profile: ProfileName::Sim,
+        seed: 40,
+        dimensions: Vec::new(),
+        composite: None,
+        stages: Vec::new(),
+        state: Stands::Confirmed,
+        restricted: false,
+        fate,
+        effort: Effort::default(),
+        afterwards: Afterwards::default(),
+    };
+    ScreenRow {
+        seed: 40,
+        name: name.to_owned(),
+        family: Family::from(holdpoint_body::TaskKind::Grasp),
+        class,
+        kind: "k".to_owned(),
+        dimension: None,
+        variant,
+        anew: true,
+        end,
+    }
+}
