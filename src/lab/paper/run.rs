@@ -10,7 +10,7 @@ use super::printed::Printed;
 use super::screen::{ScreenRow, Variant};
 use super::{Arm, Ground, Preset, RoundRow, overhead, report, rounds, screen, sections};
 use crate::experiment::drift::{self, DriftOptions};
-use crate::experiment::{ExperimentError, Tell};
+use crate::experiment::{ExperimentError, Tell, layer};
 
 /// Which of the experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +32,11 @@ pub enum Part {
 }
 
 impl Part {
+    /// Whether parts of the layer fail under drift.
+    const fn layers(self) -> bool {
+        matches!(self, Self::MetaFaults | Self::All)
+    }
+
     const fn has_rounds(self) -> bool {
         matches!(self, Self::E2 | Self::Ablation | Self::All)
     }
@@ -87,7 +92,7 @@ impl Plan {
     /// What of the drift experiment is part of it.
     fn drifts(&self, ground: &Ground) -> Option<DriftOptions> {
         let smoke = self.preset == Preset::Smoke;
-        matches!(self.part, Part::E4 | Part::All).then(|| DriftOptions {
+        (self.part == Part::E4 || self.part.layers()).then(|| DriftOptions {
             runs: self.size.drifts,
             seed: self.size.first_seed,
             jobs: ground.jobs,
@@ -136,14 +141,19 @@ pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, Exp
         let line = format!("part {} of {of} is worked; a run without --shard writes the report", part + 1);
         return Ok(Outcome { summary: vec![line] });
     }
-    let mut more = Vec::new();
+    let (mut more, mut layers) = (Vec::new(), Vec::new());
     if let Some(options) = drifts {
         let report = drift::run(&options, tell)?;
-        let runs = usize::try_from(report.runs).unwrap_or(usize::MAX);
-        let of = plan.preset.size().seeds;
-        more.push(sections::rollback(&report, &Printed::builtin()?)?.of_seeds(runs, of));
+        if plan.part != Part::MetaFaults {
+            let runs = usize::try_from(report.runs).unwrap_or(usize::MAX);
+            let of = plan.preset.size().seeds;
+            more.push(sections::rollback(&report, &Printed::builtin()?)?.of_seeds(runs, of));
+        }
+        if plan.part.layers() {
+            layers = layer::run(&options, tell)?;
+        }
     }
-    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, more)? })
+    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, &layers, more)? })
 }
 
 /// The first run seeds, so many.
@@ -178,7 +188,7 @@ mod tests {
                     rows.push(row);
                 }
             }
-            let lines = report::write(&plan, &[], &rows, Vec::new());
+            let lines = report::write(&plan, &[], &rows, &[], Vec::new());
             let lines = lines.unwrap_or_else(|error| panic!("{part:?}: {error}"));
             assert!(lines.iter().any(|line| line.starts_with("E1: ")), "{part:?}: {lines:?}");
             let page = std::fs::read_to_string(folder.path().join("report.md")).unwrap();
