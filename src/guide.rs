@@ -35,6 +35,9 @@ pub mod statistics {}
 #[doc = include_str!("guide/evaluation.md")]
 pub mod evaluation {}
 
+#[doc = include_str!("guide/audit.md")]
+pub mod audit {}
+
 #[doc = include_str!("guide/kept.md")]
 pub mod kept {}
 #[doc = include_str!("guide/limits.md")]

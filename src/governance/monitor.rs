@@ -388,6 +388,12 @@ impl Monitor {
         Ok(())
     }
 
+    /// Nothing of these rates is charted any more; what trips at once is seen all the same. For experiments, which ask what a
+    /// blind spot costs.
+    pub fn blind(&mut self, rates: &[Rate]) {
+        self.charts.retain(|chart| !rates.contains(&chart.rate));
+    }
+
     /// Every chart: the rate, what the chart does (`warning` or `trip`), the statistic and its limit.
     pub fn charts(&self) -> impl Iterator<Item = (Rate, &'static str, f64, f64)> + '_ {
         self.charts.iter().flat_map(|chart| {

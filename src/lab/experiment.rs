@@ -6,7 +6,8 @@
 pub mod candidate;
 pub mod drift;
 mod drift_report;
-mod drift_run;
+pub(crate) mod drift_run;
+pub mod layer;
 pub mod per_candidate;
 pub mod verdict;
 
@@ -85,6 +86,11 @@ impl ExperimentError {
     pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |source| Self::File { path: path.display().to_string(), source }
     }
+}
+
+/// Workers of each of so many pieces that are worked at once: a machine with more of them than pieces has none idle.
+pub(crate) fn workers_each(jobs: usize, pieces: usize) -> usize {
+    (jobs / pieces.max(1)).max(1)
 }
 
 /// Tells how far an experiment is; called from several threads.

@@ -118,7 +118,7 @@ pub fn run(plan: &TruthPlan, tell: &Tell<'_>) -> Result<TruthReport, ExperimentE
                 .map(|profile| {
                     let experiment = Experiment::default();
                     let thresholds = Thresholds::AsTheyAre;
-                    Task { name, package, profile: *profile, seed, experiment, thresholds }
+                    Task { name, package, profile: *profile, seed, experiment, thresholds, workers: 1 }
                 })
                 .map(|task| per_candidate::one(&bench.cell, &bench.cells, &task))
                 .collect::<Result<Vec<_>, _>>()?;

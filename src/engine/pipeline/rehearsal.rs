@@ -1,5 +1,5 @@
-//! What an experiment may do with a pipeline that a deployment may not: let a drift set in without a record, look at
-//! ground truth, and work the live world with or without the monitors.
+//! What an experiment may do with a pipeline that a deployment may not: let a drift set in without a record, blind the
+//! monitors, look at ground truth, and work the live world with or without the monitors.
 //!
 //! A rehearsal uses its pipeline up, so a running engine has none of this. The work itself is the pipeline's own;
 //! nothing here decides or shortens anything.
@@ -16,6 +16,7 @@ use crate::trial::seeds::{Purpose, episode_seed};
 use crate::world::listener::NoListener;
 use crate::world::live::{SequenceReport, TaskTruth};
 use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::monitor::Rate;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
@@ -41,6 +42,13 @@ impl Rehearsal {
     /// If the drifted distribution is not valid.
     pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
         self.0.world.cell.set_drift(drift)
+    }
+
+    /// The monitors of the versions that are watched now see nothing of these rates.
+    pub fn blind(&mut self, rates: &[Rate]) {
+        for watched in self.0.monitors.iter_mut() {
+            watched.monitor.blind(rates);
+        }
     }
 
     /// One sequence under the monitors, after a look at their deadlines: what a slice of the engine's does.

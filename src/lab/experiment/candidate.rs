@@ -50,6 +50,8 @@ pub struct Setting<'a> {
     pub seed: u64,
     /// Active versions' episodes, which runs share.
     pub cells: &'a KeptCells,
+    /// How many work at it at once; what it comes to is the same for any number.
+    pub workers: usize,
     /// What is left out, and which versions are active at first.
     pub experiment: Experiment,
     pub thresholds: Thresholds,
@@ -248,7 +250,7 @@ pub fn take_timed(
         data: store.path(),
         profile: setting.thresholds.of(setting.profile)?,
         seed: setting.seed,
-        jobs: 1,
+        jobs: setting.workers,
         scripted: true,
         cell: setting.cell.clone(),
         cache: EpisodeCache::Shared(setting.cells.clone()),

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use holdpoint_engine::trial::worker::Worker;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::Serialize;
 
@@ -18,6 +19,8 @@ use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::stats::StatsError;
 use holdpoint_registry::KeptCells;
+
+use crate::truth::side_by_side;
 
 /// The most runs of one experiment.
 pub const RUNS_MAX: u64 = 10_000;
@@ -134,7 +137,7 @@ pub fn run(options: &DriftOptions, tell: &Tell<'_>) -> Result<DriftReport, Exper
     check(options)?;
     std::fs::create_dir_all(&options.out).map_err(ExperimentError::file(&options.out))?;
     let cells = &options.kept;
-    let setting = DriftSetting::new(options.horizon, options.pairs)?;
+    let setting = DriftSetting::new(options)?;
     let digest = setting.digest()?;
     let next = AtomicU64::new(0);
     let failed = Mutex::new(None);
@@ -190,7 +193,7 @@ fn key_of(setting: &Digest, seed: u64, drift: Drift) -> Digest {
     Digest::of_parts("holdpoint.drift-cell.v1", &parts)
 }
 
-fn kept_run(cells: &KeptCells, setting: &Digest, seed: u64, drift: Drift) -> Option<CellRun> {
+pub(super) fn kept_run(cells: &KeptCells, setting: &Digest, seed: u64, drift: Drift) -> Option<CellRun> {
     let run: CellRun = kept(cells, &key_of(setting, seed, drift))?;
     (run.setting == *setting).then_some(run)
 }
@@ -218,7 +221,8 @@ fn one_run(
     if activated.is_none() {
         tell(&format!("run {seed}: {candidate} was not activated"));
     }
-    for drift in missing {
+    let one = |_: &mut Worker, at: usize| -> Result<(), ExperimentError> {
+        let drift = missing[at];
         let result = activated.as_ref().map(|run| run.cell(setting, drift)).transpose()?;
         tell(&format!("run {seed}: {candidate} {}", line_of(drift, result.as_ref())));
         let run = CellRun {
@@ -229,8 +233,9 @@ fn one_run(
             magnitude: drift.magnitude,
             result,
         };
-        cells.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?;
-    }
+        Ok(cells.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?)
+    };
+    side_by_side(setting.workers, missing.len(), one, &|(), _| ())?;
     Ok(())
 }
 

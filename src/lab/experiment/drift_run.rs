@@ -10,7 +10,8 @@ use std::path::Path;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::{Deserialize, Serialize};
 
-use super::ExperimentError;
+use super::layer::LayerFailure;
+use super::{DriftOptions, ExperimentError, workers_each};
 use holdpoint_engine::StartError;
 use holdpoint_engine::cell::{COMPUTED_BY, Cell};
 use holdpoint_engine::embedded;
@@ -22,6 +23,7 @@ use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pipeline::rehearsal::Rehearsal;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::world::switch::Controls;
+use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -32,7 +34,7 @@ use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Reply};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
-use holdpoint_registry::Store;
+use holdpoint_registry::{KeptCells, Store};
 use holdpoint_runtime::capability::Capability;
 
 /// Sequences of the predecessor that are looked at.
@@ -51,6 +53,10 @@ const CANDIDATES: [&str; 3] = ["align-improved", "grasp-improved", "place-robust
 pub struct DriftSetting {
     pub(super) profile: Profile,
     cell: Cell,
+    /// Where the episodes of active versions are kept, which runs share.
+    pub(super) kept: KeptCells,
+    /// What works a run's evaluation at once.
+    pub(super) workers: usize,
     /// Live sequences until a version that is not taken off is left.
     pub(super) horizon: u32,
     /// Sequences of the twins.
@@ -58,11 +64,13 @@ pub struct DriftSetting {
 }
 
 impl DriftSetting {
-    pub(super) fn new(horizon: u32, pairs: u32) -> Result<Self, ExperimentError> {
+    pub(super) fn new(options: &DriftOptions) -> Result<Self, ExperimentError> {
         let profile =
             Profile::builtin(ProfileName::Sim).map_err(|error| StartError::Profile(error.into()))?;
         let cell = Cell::builtin().map_err(StartError::from)?;
-        Ok(Self { profile, cell, horizon, pairs })
+        let workers = workers_each(options.jobs, usize::try_from(options.runs).unwrap_or(usize::MAX));
+        let (kept, horizon, pairs) = (options.kept.clone(), options.horizon, options.pairs);
+        Ok(Self { profile, cell, kept, workers, horizon, pairs })
     }
 
     /// What a kept cell depends on.
@@ -86,12 +94,12 @@ impl DriftSetting {
         let table = PolicyTable::builtin(&self.profile).map_err(|error| StartError::Profile(error.into()))?;
         let settings = PipelineSettings {
             seed,
-            jobs: 1,
+            jobs: self.workers,
             profile: self.profile.clone(),
             table,
             own: None,
             cell: self.cell.clone(),
-            cache: EpisodeCache::InStore,
+            cache: EpisodeCache::Shared(self.kept.clone()),
             controls: Controls::default(),
             omitted: holdpoint_governance::omitted::Omitted::default(),
         };
@@ -116,7 +124,7 @@ pub(super) fn candidate_of(seed: u64) -> &'static str {
 pub struct Activated {
     pub(super) seed: u64,
     folder: tempfile::TempDir,
-    id: CapabilityId,
+    pub(super) id: CapabilityId,
     next_sequence: u64,
     calm: Vec<Option<bool>>,
 }
@@ -249,10 +257,26 @@ impl CellResult {
 impl Activated {
     pub(super) fn cell(&self, setting: &DriftSetting, drift: Drift) -> Result<CellResult, ExperimentError> {
         let effect = self.effect(setting, drift)?;
+        let WatchedRun { first, under, after, record, .. } =
+            self.watched(setting, drift, LayerFailure::Nothing)?;
+        let mut result = CellResult { effect, first, under, rollback: record, after, recovered: false };
+        result.recovered = result.is_recovered(setting.profile.runtime.unsafe_continuation_max_ms);
+        Ok(result)
+    }
+
+    /// The version under the drift and its monitor, and whoever comes after it, while something of the layer fails.
+    pub(super) fn watched(
+        &self,
+        setting: &DriftSetting,
+        drift: Drift,
+        failure: LayerFailure,
+    ) -> Result<WatchedRun, ExperimentError> {
         let copy = self.copy()?;
         let mut pipeline = setting.pipeline(self.seed, copy.path())?;
+        failure.sets_in(&mut pipeline, &self.id, copy.path())?;
         pipeline.drain_events();
         let mut rehearsal = pipeline.rehearse(self.next_sequence);
+        rehearsal.blind(failure.unseen());
         rehearsal.set_drift(Some(drift)).map_err(StartError::from)?;
         let mut watched = WatchedRun { id: Some(self.id.clone()), ..WatchedRun::default() };
         for _ in 0..setting.horizon + AFTER_SEQUENCES {
@@ -267,10 +291,7 @@ impl Activated {
             rehearsal.work_watched()?;
             watched.take(&mut rehearsal)?;
         }
-        let WatchedRun { first, under, after, record, .. } = watched;
-        let mut result = CellResult { effect, first, under, rollback: record, after, recovered: false };
-        result.recovered = result.is_recovered(setting.profile.runtime.unsafe_continuation_max_ms);
-        Ok(result)
+        Ok(watched)
     }
 
     fn effect(&self, setting: &DriftSetting, drift: Drift) -> Result<DriftEffect, ExperimentError> {
@@ -341,13 +362,17 @@ fn copy_folder(from: &Path, to: &Path) -> Result<(), ExperimentError> {
 
 /// What a watched run tells as it goes.
 #[derive(Default)]
-struct WatchedRun {
+pub(super) struct WatchedRun {
     id: Option<CapabilityId>,
     first: Option<FirstResponse>,
-    under: PartWork,
-    after: PartWork,
+    pub(super) under: PartWork,
+    pub(super) after: PartWork,
     left: bool,
-    record: Option<RollbackRecord>,
+    pub(super) record: Option<RollbackRecord>,
+    /// The monitor had its envelope tightened.
+    pub(super) restricted: bool,
+    /// While it was in control, an alarm told of it that is not the monitor's.
+    pub(super) told: bool,
 }
 
 impl WatchedRun {
@@ -377,6 +402,10 @@ impl WatchedRun {
                 EventKind::Monitor { version, decision, .. } if version == ours => {
                     let episodes = self.under.tasks;
                     self.first.get_or_insert(FirstResponse { decision, episodes });
+                    self.restricted |= decision == MonitorOutcome::Restrict;
+                }
+                EventKind::Alarm { alarm, state, .. } if state.is_present() && !self.left => {
+                    self.told |= tells_of(&alarm, &ours);
                 }
                 EventKind::Rung { version, .. } if version == ours => self.left = true,
                 EventKind::RolledBack { record, .. } if record.candidate == ours => {
@@ -388,6 +417,15 @@ impl WatchedRun {
             }
         }
         Ok(())
+    }
+}
+
+/// Whether an alarm says that a version works worse, whatever its monitor sees.
+fn tells_of(alarm: &str, version: &CapabilityId) -> bool {
+    match alarm.parse() {
+        Ok(AlarmKey::Degraded(of) | AlarmKey::Shifted(of) | AlarmKey::Violation(of)) => of == *version,
+        Ok(AlarmKey::CellDegraded) => true,
+        _ => false,
     }
 }
 

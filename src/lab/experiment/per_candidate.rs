@@ -61,6 +61,8 @@ pub(crate) struct Task<'a> {
     /// What is left out, and which versions are active at first.
     pub(crate) experiment: Experiment,
     pub(crate) thresholds: Thresholds,
+    /// How many work at it at once.
+    pub(crate) workers: usize,
 }
 
 /// Runs the plan. `tell` is given one line per finished candidate.
@@ -87,6 +89,7 @@ pub fn run(plan: &RunPlan, tell: &Tell<'_>) -> Result<PerCandidateReport, Experi
                 seed,
                 experiment: Experiment::default(),
                 thresholds: Thresholds::AsTheyAre,
+                workers: 1,
             });
         }
     }
@@ -188,8 +191,8 @@ pub(crate) fn one(cell: &Cell, cells: &KeptCells, task: &Task<'_>) -> Result<Can
         return Ok(kept);
     }
     let experiment = task.experiment.clone();
-    let (profile, thresholds) = (task.profile, task.thresholds);
-    let setting = Setting { cell, profile, seed: task.seed, cells, experiment, thresholds };
+    let Task { profile, seed, thresholds, workers, .. } = *task;
+    let setting = Setting { cell, profile, seed, cells, workers, experiment, thresholds };
     let end = take(&setting, task.name, task.package.clone())?;
     cells.put(&key, &serde_json::to_vec(&end)?)?;
     Ok(end)

@@ -123,6 +123,8 @@ pub struct Moment<'a> {
     pub before: &'a InForce,
     pub seed: u64,
     pub round: u32,
+    /// How many work at a decision at once.
+    pub workers: usize,
 }
 
 impl Moment<'_> {
@@ -139,6 +141,7 @@ impl Moment<'_> {
             seed: self.seed,
             experiment: Experiment { omitted: Omitted::of(parts), first },
             thresholds: Thresholds::AsTheyAre,
+            workers: self.workers,
         };
         one(&self.ground.cell, &self.ground.cells, &task)
     }

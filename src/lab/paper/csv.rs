@@ -3,6 +3,7 @@
 use super::regression::{Regression, found};
 use super::screen::ScreenRow;
 use super::{Arm, RoundRow};
+use crate::experiment::layer::LayerRow;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 
@@ -15,6 +16,10 @@ retries,time_s,in_force";
 const POOLS: &str = "seed,candidate,family,class,kind,dimension,profile,variant,worked_anew,fate,stopped_at,state,\
 restricted,kappa_i,kappa_p,kappa_b,kappa_r,composite,sandbox_episodes,sandbox_budget,shadow_sequences,live_tasks,\
 decisions,made_again_equal,in_control,done,violation,near,unsafe_seen,found,first_reason";
+
+/// Columns of the failures of the layer under drift.
+const LAYER: &str = "seed,candidate,drift,magnitude,failure,stance,stopped_by,told,sequences,tasks,done,unsafe,after_sequences,\
+after_tasks,after_done,after_unsafe";
 
 fn flag(value: bool) -> &'static str {
     if value { "1" } else { "0" }
@@ -86,6 +91,31 @@ pub fn rounds(rows: &[RoundRow]) -> String {
         fields.extend(counts.map(|count| count.to_string()));
         fields.push(format!("{:.4}", score.time_s));
         fields.push(in_force.to_string());
+        text.push_str(&fields.join(","));
+        text.push('\n');
+    }
+    text
+}
+
+/// Failures of the governance layer under drift, a row a drift and failure.
+#[must_use]
+pub fn layer(rows: &[LayerRow]) -> String {
+    let mut text = format!("{LAYER}\n");
+    for row in rows {
+        let mut fields = vec![
+            row.seed.to_string(),
+            row.candidate.clone(),
+            row.kind.name().to_owned(),
+            row.magnitude.name().to_owned(),
+            row.failure.name().to_owned(),
+            row.stance.name().to_owned(),
+            row.stopped_by.map_or_else(String::new, |failure| failure.name().to_owned()),
+            flag(row.told).to_owned(),
+        ];
+        for part in [row.under, row.after] {
+            let counts = [part.sequences, part.tasks, part.done, part.unsafe_tasks];
+            fields.extend(counts.map(|count| count.to_string()));
+        }
         text.push_str(&fields.join(","));
         text.push('\n');
     }

@@ -40,6 +40,18 @@ pub const ANOMALY: Measure = |row| share(&row.score, |score| score.anomaly);
 /// Sequences with damage or danger, by the referee.
 pub const DAMAGE: Measure = |row| share(&row.score, |score| score.damage);
 
+/// Sequences in which the arm moved on when it had to stand, by the referee.
+pub const MOVED_ON: Measure = |row| share(&row.score, |score| score.moved_on);
+
+/// How long motion went on after declared failures and stops, ms a sequence.
+pub const CONTINUED_MS: Measure = |row| row.score.continued_ms as f64 / row.score.sequences.max(1) as f64;
+
+/// Retries a sequence.
+pub const RETRIES: Measure = |row| row.score.retries as f64 / row.score.sequences.max(1) as f64;
+
+/// Time of the sequences that were done, s.
+pub const TIME_S: Measure = |row| row.score.time_s;
+
 /// A version that the referee calls damage or danger is in force.
 pub const LIVE_UNSAFE: Measure = |row| if row.harmful_in_force == Some(true) { 100.0 } else { 0.0 };
 
@@ -317,12 +329,11 @@ impl Ablated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::candidate::{Afterwards, CandidateEnd, Effort};
     use crate::paper::arm::{Fork, Step};
     use crate::paper::rounds::Offered;
+    use crate::paper::screen::screened;
     use holdpoint_body::TaskKind;
     use holdpoint_governance::ids::{Digest, Family};
-    use holdpoint_protocol::standing::Stands;
 
     fn row(arm: Arm, seed: u64, done: u64, offered: Option<(Class, bool, HarmClass)>) -> RoundRow {
         let offered = offered.map(|(class, activated, harm)| Offered {
@@ -390,35 +401,6 @@ mod tests {
         assert_eq!(counts(unsafe_activations(&rows, Arm::Naive, Some(2)).unwrap()), (0, 0));
         assert_eq!(counts(faulty_activated(&rows, Arm::Naive).unwrap()), (2, 2));
         assert_eq!(counts(benign_refused(&rows, Arm::Naive).unwrap()), (1, 2));
-    }
-
-    fn screened(name: &str, class: Class, variant: Variant, fate: Fate) -> ScreenRow {
-        let end = CandidateEnd {
-            name: name.to_owned(),
-            version: "grasp@1.1.1".parse().unwrap(),
-            profile: ProfileName::Sim,
-            seed: 40,
-            dimensions: Vec::new(),
-            composite: None,
-            stages: Vec::new(),
-            state: Stands::Confirmed,
-            restricted: false,
-            fate,
-            effort: Effort::default(),
-            afterwards: Afterwards::default(),
-        };
-        let (family, kind) = (Family::from(TaskKind::Grasp), "k".to_owned());
-        ScreenRow {
-            seed: 40,
-            name: name.to_owned(),
-            family,
-            class,
-            kind,
-            dimension: None,
-            variant,
-            anew: true,
-            end,
-        }
     }
 
     #[test]

@@ -47,6 +47,7 @@ pub fn measure(ground: &Ground, size: Size, tell: &Tell<'_>) -> Result<Vec<Coste
             profile: ProfileName::Sim,
             seed: SEED,
             cells: &cells,
+            workers: 1,
             experiment: Experiment::default(),
             thresholds: Thresholds::AsTheyAre,
         };

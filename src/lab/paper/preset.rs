@@ -66,7 +66,9 @@ impl Preset {
         };
         match self {
             Self::Smoke => Size {
-                first_seed: 1_000,
+                // The sandbox soon finds the fault that its round offers, and validation stops its first two candidates: what takes
+                // long is worked where a part is left out, and nowhere else.
+                first_seed: 1_099,
                 seeds: 1,
                 rounds: 1,
                 sequences: 10,

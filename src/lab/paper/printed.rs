@@ -14,6 +14,9 @@ type Counts = [u32; 2];
 /// Mean and standard deviation, percent.
 type Spread = [f64; 2];
 
+/// W of a signed-rank test, and the ends of the interval of the difference, percent.
+pub type Tested = [f64; 3];
+
 /// A row of table 10: BADR, faulty accepted, unsafe activation, success, rollback, violation; percent, NaN where the
 /// paper has a dash.
 pub type Ablated = [f64; 6];
@@ -29,6 +32,7 @@ pub struct Printed {
     pub t8: Rollback,
     pub t9: Profiles,
     pub t10: Ablation,
+    pub t11: Kappas,
     pub t12: Sensitivity,
 }
 
@@ -55,6 +59,9 @@ pub struct Deployment {
     pub unsafe_activation_p: f64,
     pub violation: [Spread; 3],
     pub violation_p: f64,
+    pub success_test: Tested,
+    pub unsafe_activation_test: Tested,
+    pub violation_test: Tested,
 }
 
 /// By round.
@@ -81,7 +88,18 @@ pub struct Detections {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rollback {
+    /// Sensor noise, distribution shift, actuator delay, combined.
+    pub by: [Spread; 4],
     pub overall: Spread,
+}
+
+/// Kappas of overt faults, from lowest to highest.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Kappas {
+    pub interface: [f64; 2],
+    pub policy: [f64; 2],
+    pub behavior: [f64; 2],
 }
 
 /// Thresholds a tenth lower, as they are, a tenth higher.
@@ -140,6 +158,8 @@ mod tests {
         assert_eq!(t6.interface[1] + t6.policy[1] + t6.behavior[1] + t6.marginal[1], t6.faulty);
         assert!((t10.full[0] - t6.badr).abs() < 1e-9 && (t10.full[4] - printed.t8.overall[0]).abs() < 1e-9);
         assert!((t10.naive[3] - printed.t7.success[1][0]).abs() < 1e-9 && t10.naive[4].is_nan());
+        let by = printed.t8.by.iter().map(|[mean, _]| mean).sum::<f64>() / 4.0;
+        assert!((by - printed.t8.overall[0]).abs() < 0.05, "twelve drifts of each kind: {by}");
         assert!((printed.f4.success_naive[5] - printed.t7.success[1][0]).abs() < 1e-9);
         let shadow = f64::from(printed.f5.shadow_only);
         assert_eq!(printed.f5.sandbox_by.iter().sum::<u32>(), printed.f5.sandbox);

@@ -11,8 +11,9 @@ use super::figures::Comparison;
 use super::printed::Printed;
 use super::run::Plan;
 use super::screen::{ScreenRow, Variant};
-use super::sections::{self, Section};
+use super::sections::{self, Section, seeds_in};
 use super::{RoundRow, csv};
+use crate::experiment::layer::LayerRow;
 use crate::experiment::{ExperimentError, write_whole};
 
 /// How the page looks, and how its tables are sorted by a click.
@@ -52,7 +53,7 @@ const VALIDITY: [(&str, &str); 4] = [
     ),
 ];
 
-/// Writes everything: `report.md`, `report.html`, plots, `rounds.csv`, `pools.csv`, `tests.csv`. Gives back the lines of the
+/// Writes everything: `report.md`, `report.html`, plots, `rounds.csv`, `pools.csv`, `layer.csv`, `tests.csv`. Gives back the lines of the
 /// first page.
 ///
 /// # Errors
@@ -61,22 +62,25 @@ pub fn write(
     plan: &Plan,
     rounds: &[RoundRow],
     pools: &[ScreenRow],
+    layers: &[LayerRow],
     more: Vec<Section>,
 ) -> Result<Vec<String>, ExperimentError> {
     let out = plan.out.as_path();
     std::fs::create_dir_all(out).map_err(ExperimentError::file(out))?;
     let printed = Printed::builtin()?;
     let ablated = of_ablated_seeds(pools);
+    let of = plan.preset.size().seeds;
+    let [of_pools, of_ablated] = [pools, &ablated].map(|rows| seeds_in(rows, |row| row.seed));
     let mut all = vec![
-        sections::screening(pools, &printed)?,
-        sections::deployment(rounds, &printed)?,
-        sections::shadow(&ablated, &printed)?,
+        sections::screening(pools, &printed)?.of_seeds(of_pools, of),
+        sections::deployment(rounds, &printed)?.of_seeds(seeds_in(rounds, |row| row.seed), of),
+        sections::shadow(&ablated, &printed)?.of_seeds(of_ablated, of),
     ];
     all.extend(more);
-    all.push(sections::profiles(pools, &printed)?);
-    all.push(sections::sensitivity(&ablated, &printed)?);
-    all.push(sections::ablation(rounds, &ablated, &printed)?);
-    all.push(sections::meta_faults(&ablated)?);
+    all.push(sections::profiles(pools, &printed)?.of_seeds(of_pools, of));
+    all.push(sections::sensitivity(&ablated, &printed)?.of_seeds(of_ablated, of));
+    all.push(sections::ablation(rounds, &ablated, &printed, of)?.of_seeds(of_ablated, of));
+    all.push(sections::meta_faults(&ablated, layers, of)?.of_seeds(of_ablated, of));
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
     let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());
@@ -87,6 +91,9 @@ pub fn write(
     }
     if !pools.is_empty() {
         rows("pools", &csv::pools(pools))?;
+    }
+    if !layers.is_empty() {
+        rows("layer", &csv::layer(layers))?;
     }
     for (name, svg) in all.iter().flat_map(|section| &section.plots) {
         put(&format!("{name}.svg"), svg)?;

@@ -14,7 +14,7 @@ use super::in_force::InForce;
 use super::preset::Size;
 use super::stream::{Upgrade, rounds_of};
 use super::{Ground, progress};
-use crate::experiment::{ExperimentError, Tell};
+use crate::experiment::{ExperimentError, Tell, workers_each};
 use crate::pool::Class;
 use crate::truth::{Bench, HarmClass, side_by_side};
 
@@ -112,11 +112,11 @@ pub fn rounds(
         .filter(|(index, _)| ground.is_ours(*index))
         .map(|(_, seed)| seed)
         .collect();
-    let began = Instant::now();
+    let (began, workers) = (Instant::now(), workers_each(ground.jobs, seeds.len()));
     let of_seeds = side_by_side(
         ground.jobs,
         seeds.len(),
-        |worker, at| of_seed(ground, size, arms, seeds[at], worker),
+        |worker, at| of_seed((ground, workers), size, arms, seeds[at], worker),
         &|rows: &Vec<RoundRow>, finished| {
             let seed = rows.first().map_or(0, |row| row.seed);
             tell(&progress(&format!("rounds of seed {seed}"), finished, seeds.len(), began));
@@ -126,7 +126,7 @@ pub fn rounds(
 }
 
 fn of_seed(
-    ground: &Ground,
+    (ground, workers): (&Ground, usize),
     size: Size,
     arms: &[Arm],
     seed: u64,
@@ -136,8 +136,15 @@ fn of_seed(
     let mut judged = BTreeMap::new();
     let mut rows = Vec::new();
     for arm in arms {
-        let mut way =
-            Way { ground, size, seed, arm: *arm, in_force: InForce::first()?, planted: BTreeMap::new() };
+        let mut way = Way {
+            ground,
+            workers,
+            size,
+            seed,
+            arm: *arm,
+            in_force: InForce::first()?,
+            planted: BTreeMap::new(),
+        };
         rows.push(way.row(worker, 0, None)?);
         for (upgrade, round) in upgrades.iter().zip(1..) {
             let offered = way.offer(worker, upgrade, round, &mut judged)?;
@@ -153,6 +160,8 @@ type JudgedBefore = BTreeMap<Digest, (HarmClass, bool)>;
 /// An arm on its way through the rounds of a seed.
 struct Way<'a> {
     ground: &'a Ground,
+    /// How many work at a decision at once.
+    workers: usize,
     size: Size,
     seed: u64,
     arm: Arm,
@@ -177,6 +186,7 @@ impl Way<'_> {
             before: &self.in_force,
             seed: self.seed,
             round,
+            workers: self.workers,
         };
         let step = self.arm.decide(&moment, worker)?;
         // Everything is decided: only now is it asked what the version is.

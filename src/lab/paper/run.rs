@@ -10,7 +10,7 @@ use super::printed::Printed;
 use super::screen::{ScreenRow, Variant};
 use super::{Arm, Ground, Preset, RoundRow, overhead, report, rounds, screen, sections};
 use crate::experiment::drift::{self, DriftOptions};
-use crate::experiment::{ExperimentError, Tell};
+use crate::experiment::{ExperimentError, Tell, layer};
 
 /// Which of the experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +32,11 @@ pub enum Part {
 }
 
 impl Part {
+    /// Whether parts of the layer fail under drift.
+    const fn layers(self) -> bool {
+        matches!(self, Self::MetaFaults | Self::All)
+    }
+
     const fn has_rounds(self) -> bool {
         matches!(self, Self::E2 | Self::Ablation | Self::All)
     }
@@ -87,7 +92,7 @@ impl Plan {
     /// What of the drift experiment is part of it.
     fn drifts(&self, ground: &Ground) -> Option<DriftOptions> {
         let smoke = self.preset == Preset::Smoke;
-        matches!(self.part, Part::E4 | Part::All).then(|| DriftOptions {
+        (self.part == Part::E4 || self.part.layers()).then(|| DriftOptions {
             runs: self.size.drifts,
             seed: self.size.first_seed,
             jobs: ground.jobs,
@@ -136,14 +141,61 @@ pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, Exp
         let line = format!("part {} of {of} is worked; a run without --shard writes the report", part + 1);
         return Ok(Outcome { summary: vec![line] });
     }
-    let mut more = Vec::new();
+    let (mut more, mut layers) = (Vec::new(), Vec::new());
     if let Some(options) = drifts {
-        more.push(sections::rollback(&drift::run(&options, tell)?, &Printed::builtin()?)?);
+        let report = drift::run(&options, tell)?;
+        if plan.part != Part::MetaFaults {
+            let runs = usize::try_from(report.runs).unwrap_or(usize::MAX);
+            let of = plan.preset.size().seeds;
+            more.push(sections::rollback(&report, &Printed::builtin()?)?.of_seeds(runs, of));
+        }
+        if plan.part.layers() {
+            layers = layer::run(&options, tell)?;
+        }
     }
-    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, more)? })
+    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, &layers, more)? })
 }
 
 /// The first run seeds, so many.
 fn seeds_of(size: Size, count: u64) -> Vec<u64> {
     size.run_seeds().take(usize::try_from(count).unwrap_or(usize::MAX)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::paper::screen::screened;
+    use crate::pool::Class;
+    use holdpoint_governance::lifecycle::Stage;
+    use holdpoint_governance::metrics::Fate;
+
+    /// Each experiment works ways of its own, and its report asks for no others.
+    #[test]
+    fn every_experiment_of_pools_writes_a_report_of_the_ways_that_it_works() {
+        for part in [Part::E1, Part::E3, Part::E5, Part::Sensitivity, Part::MetaFaults, Part::Ablation] {
+            let folder = tempfile::tempdir().unwrap();
+            let (preset, out) = (Preset::Claims, folder.path().to_owned());
+            let plan = Plan { part, preset, size: preset.size(), out };
+            let mut rows = Vec::new();
+            for (profile, variant) in part.ways() {
+                for (name, class) in [("a", Class::Faulty), ("b", Class::Marginal), ("c", Class::Benign)] {
+                    let fate = match class {
+                        Class::Faulty => Fate::Blocked { stage: Stage::Validation },
+                        _ => Fate::Kept,
+                    };
+                    let mut row = screened(name, class, variant, fate);
+                    row.end.profile = profile;
+                    rows.push(row);
+                }
+            }
+            let lines = report::write(&plan, &[], &rows, &[], Vec::new());
+            let lines = lines.unwrap_or_else(|error| panic!("{part:?}: {error}"));
+            assert!(lines.iter().any(|line| line.starts_with("E1: ")), "{part:?}: {lines:?}");
+            let page = std::fs::read_to_string(folder.path().join("report.md")).unwrap();
+            assert!(page.contains("## E1: screening") && page.contains("(1 of 40 seeds)"), "{part:?}");
+            assert_eq!(page.contains("## Ablation"), part == Part::Ablation, "{part:?}");
+            let faults = "## Failures of the governance layer itself";
+            assert_eq!(page.contains(faults), part == Part::MetaFaults, "{part:?}");
+        }
+    }
 }

@@ -16,7 +16,7 @@ use super::stream::{Upgrade, pool_of};
 use super::{Ground, progress};
 use crate::experiment::candidate::{CandidateEnd, Thresholds};
 use crate::experiment::per_candidate::{Task, one};
-use crate::experiment::{ExperimentError, Tell};
+use crate::experiment::{ExperimentError, Tell, workers_each};
 use crate::pool::Class;
 use crate::truth::side_by_side;
 use holdpoint_governance::decision::Dimension;
@@ -155,19 +155,24 @@ pub fn screen(
         .filter(|(index, _)| ground.is_ours(*index))
         .map(|(_, piece)| piece)
         .collect();
-    let began = Instant::now();
-    side_by_side(ground.jobs, pieces.len(), |_, at| row(ground, pieces[at]), &|row: &ScreenRow, finished| {
-        let what = format!("{} {} of seed {}: {}", row.end.profile, row.name, row.seed, row.end.state);
-        tell(&progress(&what, finished, pieces.len(), began));
-    })
+    let (began, workers) = (Instant::now(), workers_each(ground.jobs, pieces.len()));
+    side_by_side(
+        ground.jobs,
+        pieces.len(),
+        |_, at| row(ground, pieces[at], workers),
+        &|row: &ScreenRow, finished| {
+            let what = format!("{} {} of seed {}: {}", row.end.profile, row.name, row.seed, row.end.state);
+            tell(&progress(&what, finished, pieces.len(), began));
+        },
+    )
 }
 
-fn row(ground: &Ground, piece: Piece<'_>) -> Result<ScreenRow, ExperimentError> {
+fn row(ground: &Ground, piece: Piece<'_>, workers: usize) -> Result<ScreenRow, ExperimentError> {
     let Piece { seed, upgrade, profile, variant } = piece;
     let end = |variant: Variant| {
         let experiment = Experiment { omitted: Omitted::of(variant.parts()), first: Vec::new() };
         let (name, package, thresholds) = (&upgrade.name, &upgrade.package, variant.thresholds());
-        let task = Task { name, package, profile, seed, experiment, thresholds };
+        let task = Task { name, package, profile, seed, experiment, thresholds, workers };
         one(&ground.cell, &ground.cells, &task)
     };
     let whole = end(Variant::Full)?;
@@ -183,4 +188,37 @@ fn row(ground: &Ground, piece: Piece<'_>) -> Result<ScreenRow, ExperimentError> 
         anew: !same,
         end: if same { whole } else { end(variant)? },
     })
+}
+
+/// A row of a candidate of seed 40 under the profile `sim`.
+#[cfg(test)]
+pub(super) fn screened(name: &str, class: Class, variant: Variant, fate: Fate) -> ScreenRow {
+    use crate::experiment::candidate::{Afterwards, Effort};
+    use holdpoint_protocol::standing::Stands;
+
+    let end = CandidateEnd {
+        name: name.to_owned(),
+        version: "grasp@1.1.1".parse().unwrap(),
+        profile: ProfileName::Sim,
+        seed: 40,
+        dimensions: Vec::new(),
+        composite: None,
+        stages: Vec::new(),
+        state: Stands::Confirmed,
+        restricted: false,
+        fate,
+        effort: Effort::default(),
+        afterwards: Afterwards::default(),
+    };
+    ScreenRow {
+        seed: 40,
+        name: name.to_owned(),
+        family: Family::from(holdpoint_body::TaskKind::Grasp),
+        class,
+        kind: "k".to_owned(),
+        dimension: None,
+        variant,
+        anew: true,
+        end,
+    }
 }

@@ -8,6 +8,8 @@ mod rollback;
 mod sensitivity;
 mod shadow;
 
+use std::collections::BTreeSet;
+
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, Proportion};
@@ -23,14 +25,16 @@ pub use self::rollback::rollback;
 pub use self::sensitivity::sensitivity;
 pub use self::shadow::shadow;
 use super::figures::{
-    ANOMALY, Comparison, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, Measure, NEAR, SUCCESS, VIOLATION, benign_refused,
-    by_seed, compare, faulty_activated, is_faulty, last_round, spread, unsafe_activations, way,
+    ANOMALY, CONTINUED_MS, Comparison, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, MOVED_ON, Measure, NEAR, RETRIES,
+    SUCCESS, TIME_S, VIOLATION, benign_refused, by_seed, compare, faulty_activated, is_faulty, last_round,
+    spread, unsafe_activations, way,
 };
 use super::printed::Printed;
 use super::screen::{ScreenRow, Variant};
 use super::table::Table;
 use super::{Arm, RoundRow};
 use crate::experiment::ExperimentError;
+use crate::experiment::drift::Spread;
 use crate::pool::Class;
 
 /// A part of the report.
@@ -44,6 +48,23 @@ pub struct Section {
     pub plots: Vec<(String, String)>,
     /// What it says on the first page.
     pub lines: Vec<String>,
+}
+
+impl Section {
+    /// Its tables are of so many seeds, of those that its preset has; one that says so itself keeps that.
+    #[must_use]
+    pub fn of_seeds(mut self, seeds: usize, of: u64) -> Self {
+        for table in &mut self.tables {
+            table.seeds.get_or_insert((seeds, of));
+        }
+        self
+    }
+}
+
+/// How many seeds rows are of.
+#[must_use]
+pub fn seeds_in<T>(rows: &[T], seed: fn(&T) -> u64) -> usize {
+    rows.iter().map(seed).collect::<BTreeSet<u64>>().len()
 }
 
 /// Three arms that the paper compares.
@@ -127,6 +148,7 @@ pub fn screening(rows: &[ScreenRow], printed: &Printed) -> Result<Section, Exper
         all.iter().filter(|row| row.class == Class::Benign).collect(),
         "0 of 18 rejected".to_owned(),
     );
+    let of_kappas = kappas(&all, printed);
     let mut rates = Table::new("Rates", &["rate", "here", "paper"], "95 % Wilson intervals.");
     let faulty = || all.iter().filter(|row| is_faulty(row.class));
     // The paper's eight kinds: without overt faults of recovery.
@@ -174,10 +196,104 @@ pub fn screening(rows: &[ScreenRow], printed: &Printed) -> Result<Section, Exper
     Ok(Section {
         title: "E1: screening".to_owned(),
         text: vec![format!("{} candidates, each against the first version of its family.", all.len())],
-        tables: vec![table, rates],
+        tables: vec![table, rates, of_kappas],
         plots: Vec::new(),
         lines,
     })
+}
+
+/// The kappa of an overt fault in the dimension that it is in, as it stood at its end.
+fn kappas(rows: &[&ScreenRow], printed: &Printed) -> Table {
+    let mut table = Table::new(
+        "Kappa of overt faults, in the dimension that they are in (profile sim)",
+        &["class", "candidates with one", "lowest", "median", "highest", "paper (table 11)"],
+        "A candidate that an earlier stage stopped has none of a later one's.",
+    );
+    let t11 = &printed.t11;
+    let paper = |of: &[f64; 2]| {
+        let [low, high] = of;
+        if low < high { format!("{low:.2} to {high:.2}") } else { format!("{low:.2}") }
+    };
+    for (name, dimension, said) in [
+        ("interface", Dimension::Interface, paper(&t11.interface)),
+        ("policy", Dimension::Policy, paper(&t11.policy)),
+        ("behaviour", Dimension::Behavior, paper(&t11.behavior)),
+        ("recovery", Dimension::Recovery, "no such fault".to_owned()),
+    ] {
+        let overt = rows.iter().filter(|row| row.class == Class::Faulty && row.dimension == Some(dimension));
+        let of_dimension = overt.filter_map(|row| {
+            row.end.dimensions.iter().find(|one| one.dimension == dimension).and_then(|one| one.kappa)
+        });
+        let values: Vec<f64> = of_dimension.collect();
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+        table.row([
+            name.to_owned(),
+            values.len().to_string(),
+            number(values.iter().copied().reduce(f64::min)),
+            number(Spread::of(values.iter().copied()).map(|spread| spread.median)),
+            number(values.iter().copied().reduce(f64::max)),
+            said,
+        ]);
+    }
+    table
+}
+
+/// Success and unsafe versions round by round, beside the paper's figure 4.
+fn by_round(rows: &[RoundRow], printed: &Printed) -> Table {
+    let mut table = Table::new(
+        "Figure 4 beside ours, round by round, percent",
+        &[
+            "round",
+            "success: static",
+            "naive",
+            "governed",
+            "paper: static",
+            "naive",
+            "governed",
+            "unsafe version in force: naive",
+            "governed",
+            "paper: naive",
+            "governed",
+        ],
+        "The paper's means are of five seeds and six rounds; it counts unsafe activations of a round, ours is who is in force.",
+    );
+    let f4 = &printed.f4;
+    for round in 0..=last_round(rows) {
+        let place = round as usize;
+        let paper =
+            |of: &[f64; 6]| of.get(place).map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"));
+        let mut cells = vec![round.to_string()];
+        cells.extend(PAPERS.map(|arm| mean(&by_seed(rows, arm, round, SUCCESS))));
+        cells.extend([&f4.success_static, &f4.success_naive, &f4.success_governed].map(paper));
+        cells.extend([Arm::Naive, Arm::Governed].map(|arm| mean(&by_seed(rows, arm, round, LIVE_UNSAFE))));
+        cells.extend([paper(&f4.unsafe_naive), paper(&[0.0; 6])]);
+        table.row(cells);
+    }
+    table
+}
+
+/// What else the paper measures of the work itself, last round.
+fn of_work(rows: &[RoundRow]) -> Table {
+    let mut table = Table::new(
+        "Time, retries and motion after a stop, last round",
+        &[
+            "arm",
+            "time of a sequence done, s",
+            "retries a sequence",
+            "moved on, percent",
+            "went on, ms a sequence",
+        ],
+        "Moved on: sequences in which the arm moved when it had to stand, by the referee. Went on: motion after declared failures \
+         and stops, which the arm needs some of to come to rest. Mean ± standard deviation over seeds.",
+    );
+    for arm in arms_of(rows) {
+        let of = |measure: Measure, digits: usize| {
+            let (mean, deviation) = spread(&by_seed(rows, arm, last_round(rows), measure));
+            format!("{mean:.digits$} ± {deviation:.digits$}")
+        };
+        table.row([arm.to_string(), of(TIME_S, 2), of(RETRIES, 2), of(MOVED_ON, 1), of(CONTINUED_MS, 0)]);
+    }
+    table
 }
 
 fn arms_of(rows: &[RoundRow]) -> Vec<Arm> {
@@ -296,7 +412,15 @@ pub fn deployment(rows: &[RoundRow], printed: &Printed) -> Result<Section, Exper
              works the same held-out sequences."
                 .to_owned(),
         ],
-        tables: vec![beside, table, decided, directions, tests_table(&tests)],
+        tables: vec![
+            beside,
+            by_round(rows, printed),
+            table,
+            of_work(rows),
+            decided,
+            directions,
+            tests_table(&tests, printed),
+        ],
         plots: curves(rows)?,
         lines,
     })
@@ -332,7 +456,7 @@ fn direction(one: &Comparison, wanted: f64) -> (&'static str, String) {
     (verdict, format!("mean difference {:+.1} points, 95 % {interval}, p = {}", one.mean, p_value(p)))
 }
 
-fn tests_table(tests: &[Comparison]) -> Table {
+fn tests_table(tests: &[Comparison], printed: &Printed) -> Table {
     let mut table = Table::new(
         "Tests, paired over seeds",
         &[
@@ -347,9 +471,12 @@ fn tests_table(tests: &[Comparison]) -> Table {
             "p (Holm)",
             "d_z",
             "seeds for 80 %",
+            "paper: W",
+            "95 %",
         ],
-        "n is of the non-zero differences. d_z is the mean over the standard deviation of the differences; the last column \
-         is how many seeds a t-test of that size needs for 80 % power, by the normal approximation.",
+        "n is of the non-zero differences. d_z is the mean over the standard deviation of the differences; beside it \
+         is how many seeds a t-test of that size needs for 80 % power, by the normal approximation (the paper: 25 to 30 for success, \
+         from a pooled standard deviation; readings X38).",
     );
     for one in tests {
         let (mean, deviation) = spread(&one.differences);
@@ -381,7 +508,18 @@ fn tests_table(tests: &[Comparison]) -> Table {
         );
         let mut cells = vec![one.name.clone(), format!("{:+.1}", one.mean), interval];
         cells.extend(tested);
-        cells.extend([p_value(one.p_holm), format!("{effect:+.2}"), needed]);
+        let t7 = &printed.t7;
+        let paper = match one.name.split(':').next() {
+            Some("success") => Some(&t7.success_test),
+            Some("unsafe version in force") => Some(&t7.unsafe_activation_test),
+            Some("violations") => Some(&t7.violation_test),
+            _ => None,
+        };
+        let [w, interval] = paper.map_or_else(
+            || ["-".to_owned(), "-".to_owned()],
+            |[w, lower, upper]| [format!("{w:.0}"), format!("[{lower:.1}, {upper:.1}]")],
+        );
+        cells.extend([p_value(one.p_holm), format!("{effect:+.2}"), needed, w, interval]);
         table.row(cells);
     }
     table
@@ -430,5 +568,7 @@ fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
         ),
         ("unsafe-activations".to_owned(), unsafe_so_far.svg()),
         of("damage", &six, DAMAGE, "Held-out sequences with damage, by the referee", percent),
+        of("violations", &six, VIOLATION, "Held-out sequences past a limit", percent),
+        of("anomalies", &six, ANOMALY, "Held-out sequences with an anomaly", percent),
     ])
 }

@@ -10,6 +10,8 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
     /// What to know when reading it.
     pub note: String,
+    /// Of how many seeds its rows are, and how many its preset has; absent where it rests on none.
+    pub seeds: Option<(usize, u64)>,
 }
 
 impl Table {
@@ -20,7 +22,16 @@ impl Table {
             columns: columns.iter().map(|&column| column.to_owned()).collect(),
             rows: Vec::new(),
             note: note.to_owned(),
+            seeds: None,
         }
+    }
+
+    /// What stands above it: its title, and how much of what was planned is in it.
+    fn heading(&self) -> String {
+        self.seeds.map_or_else(
+            || self.title.clone(),
+            |(seeds, of)| format!("{} ({seeds} of {of} seeds)", self.title),
+        )
     }
 
     pub fn row<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = T>) {
@@ -34,7 +45,7 @@ impl Table {
             let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
             format!("| {} |\n", cells.join(" | "))
         };
-        let mut text = format!("### {}\n\n{}", self.title, line(&self.columns));
+        let mut text = format!("### {}\n\n{}", self.heading(), line(&self.columns));
         text.push_str(&format!("|{}\n", " --- |".repeat(self.columns.len())));
         for row in &self.rows {
             text.push_str(&line(row));
@@ -52,7 +63,7 @@ impl Table {
         let cells = |tag: &str, cells: &[String]| -> String {
             cells.iter().map(|cell| ["<", tag, ">", &escaped(cell), "</", tag, ">"].concat()).collect()
         };
-        let mut text = format!("<h3>{}</h3>\n<table>\n<thead><tr>", escaped(&self.title));
+        let mut text = format!("<h3>{}</h3>\n<table>\n<thead><tr>", escaped(&self.heading()));
         text.push_str(&cells("th", &self.columns));
         text.push_str("</tr></thead>\n<tbody>\n");
         for row in &self.rows {
@@ -79,5 +90,14 @@ mod tests {
         let html = table.html();
         assert!(html.contains("&lt;script&gt;") && !html.contains("<script>"), "{html}");
         assert!(html.contains("&quot;x&quot; &amp; y"), "{html}");
+    }
+
+    #[test]
+    fn a_table_says_of_how_many_seeds_it_is() {
+        let mut table = Table::new("arms", &["arm"], "");
+        assert!(table.markdown().starts_with("### arms\n") && table.html().starts_with("<h3>arms</h3>"));
+        table.seeds = Some((15, 40));
+        assert!(table.markdown().starts_with("### arms (15 of 40 seeds)\n"));
+        assert!(table.html().starts_with("<h3>arms (15 of 40 seeds)</h3>"));
     }
 }

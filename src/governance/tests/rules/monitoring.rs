@@ -4,7 +4,7 @@ use holdpoint_governance::behavior::signature;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::*;
 use holdpoint_governance::evidence::{EpisodeValues, Signature};
-use holdpoint_governance::monitor::{Monitor, MonitorAction, SafetyEvent};
+use holdpoint_governance::monitor::{Monitor, MonitorAction, Rate, SafetyEvent};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::strictness::Strictness;
 
@@ -41,6 +41,24 @@ fn every_safety_event_trips_at_once_and_latches() {
         assert_eq!(monitor.observe(&GOOD, 6).action, MonitorAction::Rollback, "it latches");
         assert_eq!(monitor.tick(7).action, MonitorAction::Rollback, "it latches");
     }
+}
+
+/// What a blind spot leaves: the other rates, and what trips at once.
+#[test]
+fn a_monitor_that_is_blind_to_a_rate_sees_the_others_and_every_safety_event() {
+    let failing = EpisodeValues { success: false, ..GOOD };
+    let acts = |blind: &[Rate], episode: EpisodeValues| {
+        let mut monitor = monitor(ProfileName::Sim);
+        monitor.blind(blind);
+        (1..=40).map(|tick| monitor.observe(&episode, tick).action).max().unwrap()
+    };
+    assert_eq!(acts(&[], failing), MonitorAction::Rollback);
+    assert_eq!(acts(&[Rate::Failure], failing), MonitorAction::Continue);
+    let retried = EpisodeValues { retries: 1, ..failing };
+    assert_eq!(acts(&[Rate::Failure], retried), MonitorAction::Rollback);
+    assert_eq!(acts(&Rate::ALL, retried), MonitorAction::Continue);
+    let moved_on = EpisodeValues { unsafe_continuation_ms: 1e6, ..retried };
+    assert_eq!(acts(&Rate::ALL, moved_on), MonitorAction::Rollback);
 }
 
 /// A rate that stays bad restricts first and then rolls back, sooner in a tighter profile.

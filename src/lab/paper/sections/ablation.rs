@@ -4,7 +4,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 use holdpoint_plot::Radar;
 
-use super::{PAPERS, Section, counted, mean};
+use super::{PAPERS, Section, counted, mean, seeds_in};
 use crate::experiment::ExperimentError;
 use crate::paper::figures::{
     ABLATION, LIVE_UNSAFE, Measure, SUCCESS, VIOLATION, by_seed, last_round, spread, unsafe_activations, way,
@@ -17,7 +17,8 @@ use crate::paper::{Arm, RoundRow};
 /// One-sided level at which a claim of direction is held or not.
 const DIRECTION_ALPHA: f64 = 0.05;
 
-/// The ablation: every variant run, the paper's numbers and its way of deriving them beside each.
+/// The ablation: every variant run, the paper's numbers and its way of deriving them beside each. `of`: the seeds that the
+/// preset has.
 ///
 /// # Errors
 /// If no interval exists for a count.
@@ -25,8 +26,11 @@ pub fn ablation(
     rounds: &[RoundRow],
     pools: &[ScreenRow],
     printed: &Printed,
+    of: u64,
 ) -> Result<Section, ExperimentError> {
-    if way(pools, ProfileName::Sim, Variant::NoShadow).next().is_none() {
+    let worked = |variant: Variant| way(pools, ProfileName::Sim, variant).next().is_some();
+    // Other experiments leave out some of these parts, and have no ablation.
+    if !ABLATION.iter().all(|row| worked(row.variant)) {
         return Ok(Section::default());
     }
     let t10 = &printed.t10;
@@ -95,6 +99,8 @@ pub fn ablation(
             ],
             "",
         );
+        // Rounds are of other seeds than the pools.
+        table.seeds = Some((seeds_in(rounds, |row| row.seed), of));
         for (row, paper) in ABLATION.iter().zip(papers) {
             table.row([
                 row.name.to_owned(),

@@ -1,5 +1,7 @@
 //! E5: the same pool under three profiles, what was let in works like, and whether its decisions come out again.
 
+use std::collections::BTreeMap;
+
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 
@@ -54,6 +56,40 @@ fn in_control(rows: &[ScreenRow], printed: &Printed) -> Result<Table, Experiment
             paper(&printed.t9.success),
             paper(&printed.t9.violation),
         ]);
+    }
+    Ok(table)
+}
+
+/// Whether the profiles agree about who takes control, and where not, whether the stricter one is the one that says no.
+fn consistency(rows: &[ScreenRow]) -> Result<Table, ExperimentError> {
+    let mut table = Table::new(
+        "Who is activated under two profiles",
+        &["profiles", "candidates", "both", "the looser alone", "the stricter alone", "neither"],
+        "The same candidates on the same seeds. In the profile human people who are asked always agree, so that a candidate which \
+         the rules refuse under real may be let in there.",
+    );
+    let activated = |profile: ProfileName, benign: bool| -> BTreeMap<(u64, &str), bool> {
+        way(rows, profile, Variant::Full)
+            .filter(|row| (row.class == Class::Benign) == benign)
+            .map(|row| ((row.seed, row.name.as_str()), !matches!(row.end.fate, Fate::Blocked { .. })))
+            .collect()
+    };
+    for two in PROFILES.windows(2) {
+        let [looser, stricter] = [two[0], two[1]];
+        for (name, benign) in [("benign", true), ("faulty", false)] {
+            let (loose, strict) = (activated(looser, benign), activated(stricter, benign));
+            let both: Vec<(bool, bool)> =
+                loose.iter().filter_map(|(of, loose)| Some((*loose, *strict.get(of)?))).collect();
+            let share = |wanted: (bool, bool)| Proportion::of(both.iter().map(|found| *found == wanted));
+            table.row([
+                format!("{looser}, {stricter}"),
+                name.to_owned(),
+                counted(&share((true, true))?),
+                counted(&share((true, false))?),
+                counted(&share((false, true))?),
+                counted(&share((false, false))?),
+            ]);
+        }
     }
     Ok(table)
 }
@@ -133,7 +169,7 @@ pub fn profiles(rows: &[ScreenRow], printed: &Printed) -> Result<Section, Experi
         (false, _) => "not held",
     };
     let said: Vec<String> = refused.iter().map(counted).collect();
-    let tables = vec![table, in_control(rows, printed)?, audited(rows)?];
+    let tables = vec![table, consistency(rows)?, in_control(rows, printed)?, audited(rows)?];
     let line =
         format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", said.join("; "));
     Ok(Section {

@@ -37,6 +37,7 @@ pub fn rollback(report: &DriftReport, printed: &Printed) -> Result<Section, Expe
             "recovered of those that came off",
             "end to end",
             "success after",
+            "paper: recovered",
         ],
         "End to end: recovered, of those that the drift worsened. The paper's rate has as its denominator the drifts that \
          were injected (readings X75).",
@@ -47,7 +48,7 @@ pub fn rollback(report: &DriftReport, printed: &Printed) -> Result<Section, Expe
         }
         kinds
     });
-    let mut row = |name: String, cells: &[&DriftCell]| -> Result<Proportion, ExperimentError> {
+    let mut row = |name: String, cells: &[&DriftCell], paper: Option<&[f64; 2]>| {
         let end_to_end = together(cells, |cell| &cell.end_to_end)?;
         table.row([
             name,
@@ -56,14 +57,16 @@ pub fn rollback(report: &DriftReport, printed: &Printed) -> Result<Section, Expe
             counted(&together(cells, |cell| &cell.recovery_given_trigger)?),
             counted(&end_to_end),
             counted(&together(cells, |cell| &cell.success_after)?),
+            paper.map_or_else(String::new, |[mean, deviation]| format!("{mean:.1} ± {deviation:.1} %")),
         ]);
-        Ok(end_to_end)
+        Ok::<Proportion, ExperimentError>(end_to_end)
     };
     for kind in kinds {
         let of_kind: Vec<&DriftCell> = all.iter().copied().filter(|cell| cell.kind == kind).collect();
-        row(kind.to_string(), &of_kind)?;
+        let place = DriftKind::ALL.iter().position(|one| *one == kind);
+        row(kind.to_string(), &of_kind, place.and_then(|place| printed.t8.by.get(place)))?;
     }
-    let overall = row("all".to_owned(), &all)?;
+    let overall = row("all".to_owned(), &all, Some(&printed.t8.overall))?;
     let line =
         format!("E4: recovery end to end {} (paper: {paper:.1} ± {deviation:.1} %)", counted(&overall));
     Ok(Section {
