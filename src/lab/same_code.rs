@@ -141,6 +141,7 @@ mod tests {
             cells: &cells,
             experiment: Experiment::default(),
             thresholds: Thresholds::AsTheyAre,
+            workers: 2,
         };
         let native = holdpoint_engine::embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();

@@ -111,6 +111,7 @@ mod tests {
             cells: &cells,
             experiment: Experiment::default(),
             thresholds: Thresholds::AsTheyAre,
+            workers: 2,
         };
         let native = embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();
