@@ -17,21 +17,21 @@ use crate::trial::worker::Worker;
 use crate::world::portrait::{self, narrow};
 
 /// Who worked, and where.
-pub(super) struct Worked<'a> {
-    pub(super) version: &'a Capability,
-    pub(super) terms: &'a SkillTerms,
-    pub(super) cell: &'a Cell,
-    pub(super) as_recorded: Option<bool>,
+pub(crate) struct Worked<'a> {
+    pub(crate) version: &'a Capability,
+    pub(crate) terms: &'a SkillTerms,
+    pub(crate) cell: &'a Cell,
+    pub(crate) as_recorded: Option<bool>,
 }
 
 impl Worked<'_> {
     /// The film of an episode with its record.
-    pub(super) fn episode(&self, worker: &mut Worker, record: &TaskRecord) -> FilmedRun {
+    pub(crate) fn episode(&self, worker: &mut Worker, record: &TaskRecord) -> FilmedRun {
         self.run(worker, ended(record), marks(record))
     }
 
     /// The film of a drill.
-    pub(super) fn drill(
+    pub(crate) fn drill(
         &self,
         worker: &mut Worker,
         kind: DrillKind,
