@@ -50,6 +50,7 @@ pub mod serve;
 #[cfg(feature = "console")]
 mod settings;
 mod side;
+pub mod skill;
 pub mod status;
 pub mod stop;
 pub mod store;
@@ -112,6 +113,8 @@ pub enum Verb {
     Registry(registry::RegistryArgs),
     /// Registers, checks and compares candidates.
     Candidate(candidate::CandidateArgs),
+    /// Makes a skill of one's own code: begins, builds, tries it.
+    Skill(skill::SkillArgs),
     /// Shows or awaits the state of families and candidates.
     Status(status::StatusArgs),
     /// Approves a candidate that waits for approval.
@@ -238,6 +241,7 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Demo(args)) => engine.demo(&context()?, args, out),
         Some(Verb::Registry(args)) => registry::run(&context()?, args, out),
         Some(Verb::Candidate(args)) => candidate::run(&context()?, args, engine, out),
+        Some(Verb::Skill(args)) => skill::run(&context()?, args, out),
         Some(Verb::Status(args)) => engine.status(&context()?, args, out),
         Some(Verb::Approve(args)) => engine.decide(&context()?, &AskedDecision::Approve(args.clone()), out),
         Some(Verb::Reject(args)) => engine.decide(&context()?, &AskedDecision::Reject(args.clone()), out),

@@ -20,6 +20,9 @@ pub mod recordings {}
 #[doc = include_str!("guide/candidate.md")]
 pub mod candidate {}
 
+#[doc = include_str!("guide/component.md")]
+pub mod component {}
+
 #[doc = include_str!("guide/controller.md")]
 pub mod controller {}
 

@@ -8,6 +8,7 @@ pub mod scenes;
 
 pub use holdpoint_approvals as approvals;
 pub use holdpoint_body as body;
+pub use holdpoint_builder as builder;
 #[cfg(feature = "console")]
 pub use holdpoint_console as console;
 pub use holdpoint_engine as engine;

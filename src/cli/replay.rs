@@ -4,7 +4,7 @@
 //! recording or a store.
 
 mod cut;
-mod episode;
+pub(super) mod episode;
 mod segments;
 
 use std::ffi::OsString;
@@ -261,16 +261,24 @@ fn play(recording: Recording, args: &ReplayArgs) -> Result<(), CliError> {
         ascii: args.ascii,
         ..CommandLineFlags::default()
     };
-    let options = ReplayOptions {
-        start_tick: args.to,
-        speed: args.speed,
-        console: Options::new(flags, super::console::settings()?),
-        themes: super::settings::themes()?,
-    };
-    run_in_terminal(recording, options).map_err(|error| match &error {
+    run_in_terminal(recording, shown(flags, args.to, args.speed)?).map_err(not_shown)
+}
+
+/// How a replay is shown, by flags and the settings there are.
+pub(super) fn shown(
+    flags: CommandLineFlags,
+    start_tick: Option<u64>,
+    speed: Speed,
+) -> Result<ReplayOptions, CliError> {
+    let console = Options::new(flags, super::console::settings()?);
+    Ok(ReplayOptions { start_tick, speed, console, themes: super::settings::themes()? })
+}
+
+pub(super) fn not_shown(error: ReplayError) -> CliError {
+    match &error {
         ReplayError::Failed => CliError::internal(error),
         ReplayError::Theme(_) | ReplayError::Empty(_) | ReplayError::Terminal(_) => CliError::usage(error),
-    })
+    }
 }
 
 fn in_viewer(

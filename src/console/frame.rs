@@ -130,6 +130,12 @@ pub fn text_of(model: &Model, look: &Look, width: u16, height: u16) -> String {
     let area = Rect::new(0, 0, width, height);
     let mut buf = Buffer::empty(area);
     draw(model, look, area, &mut buf);
+    plain(&buf)
+}
+
+/// What was drawn, as plain text.
+pub(crate) fn plain(buf: &Buffer) -> String {
+    let area = buf.area;
     let mut text = String::new();
     for y in area.top()..area.bottom() {
         let mut line = String::new();

@@ -20,7 +20,7 @@ pub mod update;
 pub mod views;
 
 pub use print::print;
-pub use run::{ReplayError, ReplayOptions, run};
+pub use run::{ReplayError, ReplayOptions, run, still};
 
 /// How old a picture may be before its age is said, ms of virtual time.
 pub const FRESH_MS: u64 = 500;

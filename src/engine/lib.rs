@@ -44,6 +44,7 @@ mod shift_note;
 pub mod stages;
 mod stated;
 pub mod trial;
+pub mod tryout;
 mod view;
 pub mod world;
 

@@ -5,7 +5,7 @@
 //! says in what it is not what was judged.
 
 pub(crate) mod choose;
-mod filmed;
+pub(crate) mod filmed;
 
 use holdpoint_governance::evidence::{Binding, EpisodeValues, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;

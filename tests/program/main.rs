@@ -39,6 +39,7 @@ mod scenarios;
 mod second_arm;
 mod serve;
 mod signed;
+mod skill;
 mod stages;
 mod stop;
 mod storm;

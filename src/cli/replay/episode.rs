@@ -107,7 +107,7 @@ fn said(path: &Path, film: &Film, out: &mut Output<'_>) -> Result<(), CliError> 
 }
 
 /// The film in words: what it is, what came of it, what happened, and two moments a second.
-fn lines(film: &Film, out: &mut Output<'_>) -> Result<(), CliError> {
+pub(in crate::cli) fn lines(film: &Film, out: &mut Output<'_>) -> Result<(), CliError> {
     let why = if film.why.is_empty() { String::new() } else { format!(": {}", film.why) };
     out.paragraph("", &format!("{}{why}", film.title()))?;
     for doubt in &film.doubts {

@@ -7,6 +7,8 @@ use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
 use tokio::sync::mpsc;
 
 use super::frame;
@@ -16,6 +18,7 @@ use super::playing::wakes_in_ms;
 use super::speed::Speed;
 use super::timeline::Timeline;
 use super::update::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
+use crate::frame::plain;
 use crate::look::{Depth, Look, ThemeError};
 use crate::msg;
 use crate::options::Options;
@@ -93,6 +96,29 @@ pub fn run(recording: Recording, options: ReplayOptions) -> Result<(), ReplayErr
     let ended = catch_unwind(AssertUnwindSafe(|| on_screen(model, look, &options, guard)));
     panic::uninstall();
     ended.unwrap_or(Err(ReplayError::Failed))
+}
+
+/// One moment of a recording as plain text, lines without blanks at their end: where the options say that it begins.
+///
+/// # Errors
+/// [`ReplayError::Theme`] or [`ReplayError::Empty`].
+pub fn still(
+    recording: Recording,
+    options: &ReplayOptions,
+    (width, height): (u16, u16),
+) -> Result<String, ReplayError> {
+    if recording.span_ms().is_none() {
+        return Err(ReplayError::Empty(recording.about.version.to_string()));
+    }
+    let look = look(&options.console, &options.themes, None)?;
+    let mut model = ReplayModel::new(Timeline::new(recording), options.speed);
+    if let Some(tick) = options.start_tick {
+        model.cursor = model.timeline.at(ms_of_tick(tick));
+    }
+    let area = Rect::new(0, 0, width, height);
+    let mut buf = Buffer::empty(area);
+    frame::draw(&model, &look, area, &mut buf);
+    Ok(plain(&buf))
 }
 
 /// Everything between taking the terminal and giving it back.

@@ -24,18 +24,18 @@ use crate::world::portrait::{self, narrow};
 const NAMED_MAX: usize = 2;
 
 /// Who worked, and where.
-pub(super) struct Worked<'a> {
-    pub(super) version: &'a Capability,
-    pub(super) terms: &'a SkillTerms,
-    pub(super) cell: &'a Cell,
+pub(crate) struct Worked<'a> {
+    pub(crate) version: &'a Capability,
+    pub(crate) terms: &'a SkillTerms,
+    pub(crate) cell: &'a Cell,
     /// What an episode must not pass, of what it does to its surroundings.
-    pub(super) limits: &'a HarmSettings,
-    pub(super) as_recorded: Option<bool>,
+    pub(crate) limits: &'a HarmSettings,
+    pub(crate) as_recorded: Option<bool>,
 }
 
 impl Worked<'_> {
     /// The film of an episode with its record.
-    pub(super) fn episode(&self, worker: &mut Worker, record: &TaskRecord) -> FilmedRun {
+    pub(crate) fn episode(&self, worker: &mut Worker, record: &TaskRecord) -> FilmedRun {
         let mut run = self.run(worker, String::new(), marks(record));
         let passed = passed(&run.frames, &run.envelope, record.harm.as_ref(), self.limits);
         run.marks.extend(passed.iter().map(Passed::mark));
@@ -45,7 +45,7 @@ impl Worked<'_> {
     }
 
     /// The film of a drill.
-    pub(super) fn drill(
+    pub(crate) fn drill(
         &self,
         worker: &mut Worker,
         kind: DrillKind,

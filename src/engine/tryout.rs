@@ -1,0 +1,147 @@
+//! A candidate tried in the simulated cell before anybody submits it: no store, no record, no decision.
+//!
+//! Works episodes of the sandbox with the guard and the envelope of the loosest profile, beside the version that a cell is
+//! commissioned with. What comes out is for whoever writes the skill.
+
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_protocol::film::{Film, FilmOf, FilmedRun};
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::skill::Skill;
+use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun};
+use holdpoint_sim::SimError;
+use holdpoint_text::Hint as _;
+
+use crate::binding::terms_under;
+use crate::cell::{Cell, Conditions};
+use crate::check::{self, CheckError, UnknownFamily};
+use crate::context::Context;
+use crate::embedded::baselines;
+use crate::retake::filmed::Worked;
+use crate::trial::episodes::alone;
+use crate::trial::undisturbed::TrialCase;
+use crate::trial::worker::Worker;
+use crate::world::portrait;
+
+/// Why a candidate cannot be tried.
+#[derive(Debug, thiserror::Error)]
+pub enum TryoutError {
+    /// The cell is not commissioned with its family.
+    #[error(transparent)]
+    Family(#[from] UnknownFamily),
+    /// What is built in does not load.
+    #[error(transparent)]
+    Check(#[from] CheckError),
+    /// The cell cannot be built.
+    #[error(transparent)]
+    Cell(#[from] SimError),
+    /// Profile or policies that are built in are not as they must be.
+    #[error("{0}")]
+    BuiltIn(String),
+}
+
+/// What surrounds a run's code: it is given the code and gives something that stands for it.
+pub type Around<'a> = dyn FnMut(Box<dyn Skill>) -> Box<dyn Skill> + 'a;
+
+/// A candidate, the version beside it, and where they work.
+pub struct Tryout {
+    context: Context,
+    candidate: Capability,
+    active: Capability,
+}
+
+impl Tryout {
+    /// A candidate beside the commissioned version of its family.
+    ///
+    /// # Errors
+    /// [`TryoutError`].
+    pub fn new(candidate: Capability) -> Result<Self, TryoutError> {
+        let family = candidate.id().family;
+        let active = baselines().map_err(CheckError::from)?.into_iter().find(|one| one.id().family == family);
+        let Some(active) = active else {
+            return Err(match check::unknown_family(&candidate, "manifest.toml")? {
+                Some(unknown) => unknown.into(),
+                None => TryoutError::BuiltIn(format!("the family {family} has no first version")),
+            });
+        };
+        let built_in = |error: String| TryoutError::BuiltIn(error);
+        let profile = Profile::builtin(ProfileName::Sim).map_err(|error| built_in(error.sentence()))?;
+        let table = PolicyTable::builtin(&profile).map_err(|error| built_in(error.sentence()))?;
+        let context = Context::new(profile, table, None, Cell::builtin()?)
+            .map_err(|error| built_in(error.to_string()))?;
+        Ok(Self { context, candidate, active })
+    }
+
+    /// Who is tried.
+    #[must_use]
+    pub const fn candidate(&self) -> &Capability {
+        &self.candidate
+    }
+
+    /// The version beside it.
+    #[must_use]
+    pub const fn active(&self) -> &Capability {
+        &self.active
+    }
+
+    /// The robot's name.
+    #[must_use]
+    pub fn robot(&self) -> &str {
+        &self.context.cell.model.name
+    }
+
+    /// One episode of the candidate, with something around its code.
+    #[must_use]
+    pub fn work(&self, worker: &mut Worker, seed: u64, around: &mut Around<'_>) -> TaskRecord {
+        let terms = terms_under(&self.context, &self.candidate, &[]);
+        let cell = &self.context.cell;
+        let trial = TrialCase {
+            cell,
+            terms: &terms,
+            version: &self.candidate,
+            conditions: Conditions::Sandbox,
+            seed,
+        };
+        let task = self.candidate.bundle.task();
+        let mut work = || -> Result<TaskRecord, SimError> {
+            let arm = worker.arm(cell, &trial.setup())?;
+            if !trial.is_admitted(arm) {
+                return Ok(trial.refused());
+            }
+            let skill = around(self.candidate.start(terms.bundle_seed(seed)));
+            let guard = terms.guard(&self.candidate.manifest.permissions);
+            let run = TaskRun::new(skill, guard, terms.task(task, seed, self.candidate.abort_secs()));
+            Ok(run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
+        };
+        work().unwrap_or_else(|_| worker.failed(task, seed))
+    }
+
+    /// One episode of both, to be seen.
+    #[must_use]
+    pub fn film(&self, seed: u64) -> Film {
+        let [candidate, active] = [&self.candidate, &self.active].map(|version| self.filmed(version, seed));
+        Film {
+            of: FilmOf::Episode,
+            number: 1,
+            count: 1,
+            task: self.candidate.bundle.task(),
+            seed,
+            drill: None,
+            phase: None,
+            why: String::new(),
+            doubts: Vec::new(),
+            scenery: portrait::scenery(&self.context.cell.scene),
+            candidate,
+            active,
+        }
+    }
+
+    fn filmed(&self, version: &Capability, seed: u64) -> FilmedRun {
+        let terms = terms_under(&self.context, version, &[]);
+        let (mut worker, cell) = (Worker::filming(), &self.context.cell);
+        let trial = TrialCase { cell, terms: &terms, version, conditions: Conditions::Sandbox, seed };
+        let done = alone(&mut worker, trial);
+        let limits = &self.context.profile.harm;
+        Worked { version, terms: &terms, cell, limits, as_recorded: None }.episode(&mut worker, &done)
+    }
+}

@@ -1,0 +1,82 @@
+//! From nothing to a registered candidate in five commands, in both languages.
+//!
+//! Where a toolchain for WebAssembly is missing, the program has to say so and how to get it; the component that is kept built
+//! then stands in for what would have been built, and the test says that it does.
+
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::Command;
+
+fn holdpoint(data: &Path, line: &[&str]) -> (Option<i32>, String, String) {
+    let run = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        .env("HOME", data)
+        .arg("--data")
+        .arg(data.join("store"))
+        .args(line)
+        .output()
+        .unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (run.status.code(), text(run.stdout), text(run.stderr))
+}
+
+fn walk(lang: &str, prebuilt: &str) {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("my-grasp");
+    let named = folder.display().to_string();
+    let done = |line: &[&str]| {
+        let (code, said, problem) = holdpoint(root.path(), line);
+        assert_eq!(code, Some(0), "{line:?}: {said}{problem}");
+        said
+    };
+    done(&["skill", "new", "my-grasp", "--lang", lang, &named]);
+    let (code, said, problem) = holdpoint(root.path(), &["skill", "build", &named]);
+    let component = folder.join("my-grasp.wasm");
+    if code == Some(0) {
+        assert!(component.is_file(), "{said}");
+    } else {
+        let missing = problem.contains("is not there") || problem.contains("cannot build for");
+        assert!(code == Some(2) && missing && problem.contains("hint"), "{problem}");
+        eprintln!("SKIPPED: {lang} is not built, {}", problem.lines().next().unwrap_or_default());
+        let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt").join(prebuilt);
+        fs::copy(kept, &component).unwrap();
+    }
+    let tried = done(&["skill", "test", &named]);
+    assert!(tried.contains("the same commands in every episode"), "{tried}");
+    done(&["candidate", "check", &named]);
+    done(&["candidate", "register", &named]);
+    let listed = done(&["registry", "list"]);
+    assert!(listed.contains("grasp@1.1.0"), "{listed}");
+}
+
+#[test]
+fn from_nothing_to_a_registered_candidate_in_c() {
+    walk("c", "template-c.wasm");
+}
+
+#[test]
+fn from_nothing_to_a_registered_candidate_in_rust() {
+    walk("rust", "template-rust.wasm");
+}
+
+#[test]
+fn a_missing_toolchain_is_named_with_how_to_get_it() {
+    let root = tempfile::tempdir().unwrap();
+    for (lang, variable, get) in
+        [("c", "CLANG", "apt install clang lld"), ("rust", "CARGO", "https://rustup.rs")]
+    {
+        let folder = root.path().join(lang).display().to_string();
+        let run = |line: &[&str]| {
+            Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+                .env(variable, "no-such-program")
+                .args(line)
+                .output()
+                .unwrap()
+        };
+        assert!(run(&["skill", "new", "mine", "--lang", lang, &folder]).status.success());
+        let refused = run(&["skill", "build", &folder]);
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert_eq!(refused.status.code(), Some(2), "{said}");
+        assert!(said.contains("no-such-program") && said.contains(get), "{said}");
+    }
+}
