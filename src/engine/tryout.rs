@@ -124,6 +124,7 @@ impl Tryout {
             of: FilmOf::Episode,
             number: 1,
             count: 1,
+            beyond: 0,
             task: self.candidate.bundle.task(),
             seed,
             drill: None,
