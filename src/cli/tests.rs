@@ -457,9 +457,9 @@ fn what_a_text_tells_people_to_type_exists() {
                 let (before, after) = (&line[..at], &line[at + 2..]);
                 let name: String =
                     after.chars().take_while(|ch| ch.is_ascii_lowercase() || *ch == '-').collect();
-                // A string that is nothing but an option is handed to some program, not told to people.
+                // A string that is nothing but an option, or one with its value, is handed to some program, not told to people.
                 let is_told = before.ends_with([' ', '`'])
-                    || before.ends_with('"') && !after[name.len()..].starts_with('"');
+                    || before.ends_with('"') && !after[name.len()..].starts_with(['"', '=']);
                 if is_told && name.starts_with(|ch: char| ch.is_ascii_lowercase()) {
                     assert!(has_option(&root, &name), "{path:?}: --{name}");
                     options += 1;

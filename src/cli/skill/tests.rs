@@ -58,15 +58,11 @@ fn a_manifest_that_is_not_admitted_fails_the_test() {
     for name in ["manifest.toml", "submission.toml", "params.toml"] {
         fs::copy(from.join(name), root.path().join(name)).unwrap();
     }
-    // Its code has no such hook.
-    let path = root.path().join("params.toml");
+    // Its callers are given the duration in another unit.
+    let path = root.path().join("manifest.toml");
     let text = fs::read_to_string(&path).unwrap();
-    let text: String = text
-        .lines()
-        .map(|line| if line.starts_with("rollback = ") { "rollback = \"none\"" } else { line })
-        .collect::<Vec<_>>()
-        .join("\n");
-    fs::write(&path, text).unwrap();
+    assert!(text.contains("unit = \"s\""), "{text}");
+    fs::write(&path, text.replace("unit = \"s\"", "unit = \"ms\"")).unwrap();
     let (ended, said) = did(&["skill", "test", &root.path().display().to_string()], false);
     assert_eq!(ended.unwrap(), Exit::Rejected, "{said}");
     assert!(said.contains("NOT ADMITTED"), "{said}");
