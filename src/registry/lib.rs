@@ -32,6 +32,7 @@ mod invariants;
 mod kept;
 mod key_files;
 mod layout;
+mod listed;
 mod lost;
 mod merkle;
 mod migrate;

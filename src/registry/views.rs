@@ -31,9 +31,6 @@ use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd, VersionS
 /// The most rows one call returns.
 pub const PAGE_ROWS_MAX: usize = 10_000;
 
-/// Kinds of records of one chain: an engine knows a quarter as many, and a query has room for so many.
-const KINDS_MAX: usize = 200;
-
 /// Closings of one version's record that are looked through: there is one for each end an upgrade can have.
 const CLOSINGS_MAX: usize = 100;
 
@@ -449,74 +446,6 @@ impl Views {
         Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), ran, confirmed })
     }
 
-    /// Audit records that pass the filter.
-    ///
-    /// What is left out costs nothing, however much of it there is: each other kind is read by its index, so many rows at
-    /// most as are asked for.
-    ///
-    /// # Errors
-    /// If the store cannot be read.
-    pub fn audit(&self, filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError> {
-        let order = if filter.newest_first { "DESC" } else { "ASC" };
-        let before = filter.before_seq.map_or(i64::MAX, |before| i64::try_from(before).unwrap_or(i64::MAX));
-        let mut values = vec![
-            Value::Integer(i64::try_from(filter.from_seq).unwrap_or(i64::MAX)),
-            Value::Integer(before),
-            Value::Integer(limit(filter.limit)),
-        ];
-        let mut fits = "seq >= ?1 AND seq < ?2".to_owned();
-        let mut demand = |fits: &str, column: &str, value: &str| {
-            values.push(Value::Text(value.to_owned()));
-            format!("{fits} AND {column} = ?{}", values.len())
-        };
-        if let Some(subject) = &filter.subject {
-            fits = demand(&fits, "subject", subject);
-        }
-        let rows = if let Some(kind) = filter.kind {
-            if filter.without.contains(&kind) {
-                return Ok(Vec::new());
-            }
-            demand(&fits, "kind", kind.name())
-        } else if filter.without.is_empty() {
-            fits
-        } else {
-            let left_out = |kind: &String| filter.without.iter().any(|without| without.name() == kind);
-            let each: Vec<String> = self
-                .kinds()?
-                .into_iter()
-                .filter(|kind| !left_out(kind))
-                .map(|kind| {
-                    let fits = demand(&fits, "kind", &kind);
-                    format!(
-                        "SELECT * FROM (SELECT seq FROM audit WHERE {fits} ORDER BY seq {order} LIMIT ?3)"
-                    )
-                })
-                .collect();
-            if each.is_empty() {
-                return Ok(Vec::new());
-            }
-            format!("seq IN ({})", each.join(" UNION ALL "))
-        };
-        let columns = audit::COLUMNS;
-        let sql = format!("SELECT {columns} FROM audit WHERE {rows} ORDER BY seq {order} LIMIT ?3");
-        many(&self.connection, &sql, params_from_iter(values), audit::read)
-    }
-
-    /// The kinds of records there are, those of other builds included: one look into the index for each.
-    fn kinds(&self) -> Result<Vec<String>, StoreError> {
-        let sql = "WITH RECURSIVE found(kind) AS (
-                SELECT min(kind) FROM audit
-                UNION ALL
-                SELECT (SELECT min(kind) FROM audit WHERE kind > found.kind) FROM found WHERE kind IS NOT NULL
-            ) SELECT kind FROM found WHERE kind IS NOT NULL LIMIT ?1";
-        let kinds: Vec<String> = many(&self.connection, sql, [KINDS_MAX + 1], |row| row.get(0))?;
-        if kinds.len() > KINDS_MAX {
-            let more = format!("more than {KINDS_MAX} kinds of records");
-            return Err(StoreError::invalid("audit chain", "kind", more));
-        }
-        Ok(kinds)
-    }
-
     /// Calls `visit` with each record of the chain up to `to_seq`, in order, one at a time.
     ///
     /// # Errors
@@ -550,7 +479,7 @@ impl Views {
 }
 
 /// Rows to return, as SQLite takes it.
-fn limit(asked: usize) -> i64 {
+pub(super) fn limit(asked: usize) -> i64 {
     let rows = if asked == 0 { PAGE_ROWS_MAX } else { asked.min(PAGE_ROWS_MAX) };
     i64::try_from(rows).unwrap_or(i64::MAX)
 }
@@ -601,7 +530,7 @@ fn one<T>(
         .map_err(StoreError::sql("read the registry"))
 }
 
-fn many<T>(
+pub(super) fn many<T>(
     connection: &Connection,
     sql: &str,
     parameters: impl rusqlite::Params,

@@ -122,6 +122,22 @@ fn together(model: &mut Model, action: Action, marked: &[CapabilityId]) -> Vec<E
     }
 }
 
+/// How each of several stands, then what becomes of all of them.
+pub(super) fn lines(model: &Model, each: &[Intent]) -> Result<Vec<String>, String> {
+    let (mut stand, mut become_of): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
+    for intent in each {
+        let mut lines = operating::now(model, intent)?.into_iter();
+        stand.extend(lines.next());
+        for line in lines {
+            if !become_of.contains(&line) {
+                become_of.push(line);
+            }
+        }
+    }
+    stand.extend(become_of);
+    Ok(stand)
+}
+
 /// Acknowledges every marked alarm that takes it; marks of others stay.
 pub(super) fn acknowledge(model: &mut Model, by: &str) -> Vec<Effect> {
     let snapshot = model.told.snapshot.clone();

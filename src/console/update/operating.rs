@@ -138,7 +138,7 @@ pub(super) fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String>
         Intent::Release(id) => (Action::Release, id),
         Intent::Continue(id) => (Action::Continue, id),
         Intent::Rearm(id) => (Action::Rearm, id),
-        Intent::Several(each) => return several_lines(model, each),
+        Intent::Several(each) => return marking::lines(model, each),
         Intent::Abort(what) => return abort_lines(model, what),
         Intent::Go { since_ms, stops, .. } => return still_stopped(model, (*since_ms, *stops)),
         Intent::Goal(_) => return Ok(goal_lines(model)),
@@ -156,22 +156,6 @@ pub(super) fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String>
     } else {
         Err(format!("it would now be something else: {}", intent.title()))
     }
-}
-
-/// How each of several stands, then what becomes of all of them.
-fn several_lines(model: &Model, each: &[Intent]) -> Result<Vec<String>, String> {
-    let (mut stand, mut become_of): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
-    for intent in each {
-        let mut lines = now(model, intent)?.into_iter();
-        stand.extend(lines.next());
-        for line in lines {
-            if !become_of.contains(&line) {
-                become_of.push(line);
-            }
-        }
-    }
-    stand.extend(become_of);
-    Ok(stand)
 }
 
 /// Opens the form that submits a candidate, where somebody signs for it.

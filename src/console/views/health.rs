@@ -42,7 +42,7 @@ const BELOW_ROWS_MAX: u16 = 14;
 /// Lines for what happened in the column under the cursor at least, where there is so much room.
 const MARKS_LEAST: usize = 4;
 
-/// Lines below the charts from which numbers stand there beside what happened, and from which they stand there whole.
+/// Lines below the charts from which numbers stand there beside marks, and from which they stand there whole.
 const NUMBERS_FROM: usize = 5;
 const WHOLE_FROM: usize = 8;
 
@@ -412,8 +412,9 @@ fn under(model: &Model, series: &HealthSeries, width: usize, height: usize) -> V
         if points.is_empty() {
             say(ThemeRole::Muted, &format!("{start} to {end}: no task of {family} on record"), 1);
         }
+        let each = if height < WHOLE_FROM && !marks.is_empty() { 1 } else { 2 };
         for point in &points {
-            say(ThemeRole::Text, &values(series, point, &start), if height < WHOLE_FROM { 1 } else { 2 });
+            say(ThemeRole::Text, &values(series, point, &start), each);
         }
     }
     let left_out: Vec<Row> =

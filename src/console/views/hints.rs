@@ -206,7 +206,6 @@ pub fn actions(model: &Model) -> Vec<Action> {
             A::NextPane,
             A::Freeze,
             A::Filter,
-            A::Mark,
         ],
         (None, View::Registry) => &[
             A::Open,
@@ -219,7 +218,6 @@ pub fn actions(model: &Model) -> Vec<Action> {
             A::Repeat,
             A::Release,
             A::Rearm,
-            A::Mark,
         ],
         (None, View::Candidate) => &[
             A::Open,
@@ -257,7 +255,10 @@ pub fn actions(model: &Model) -> Vec<Action> {
     }
     // A key that would be refused as things stand is no hint.
     let possible = Possible::of(model);
-    let all = here.iter().copied().chain([A::JumpToAlarm, A::CommandLine, A::Help, A::Quit]);
+    // What calls for attention comes before what can be marked.
+    let mark = model.place.lists_versions().then_some(A::Mark);
+    let rest = [A::JumpToAlarm].into_iter().chain(mark).chain([A::CommandLine, A::Help, A::Quit]);
+    let all = here.iter().copied().chain(rest);
     all.filter(|action| possible.is_offered(*action)).collect()
 }
 
