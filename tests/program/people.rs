@@ -233,7 +233,7 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     assert!(said.lines().any(|row| row.starts_with("mara") && row.contains("elsewhere")), "{said}");
     // What she answers for, the agent signs.
     ends(&folder, "stop", 0);
-    let go = "go --as mara --reason empty";
+    let go = "go --stops 1 --as mara --reason empty";
     says(&with(go, None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
     says(&with(go, Some(&socket), 0), &["works again"]);
     let asked = ends(&folder, "audit list --kind asked --json", 0);

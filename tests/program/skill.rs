@@ -80,3 +80,31 @@ fn a_missing_toolchain_is_named_with_how_to_get_it() {
         assert!(said.contains("no-such-program") && said.contains(get), "{said}");
     }
 }
+
+/// What is kept of compiled code is code: a byte of it that is changed is never run, and somebody is told.
+#[test]
+fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
+    let root = tempfile::tempdir().unwrap();
+    let done = |line: &[&str]| {
+        let (code, said, problem) = holdpoint(root.path(), line);
+        assert_eq!(code, Some(0), "{line:?}: {said}{problem}");
+        said
+    };
+    let folder = root.path().join("my-grasp");
+    let named = folder.display().to_string();
+    done(&["skill", "new", "my-grasp", "--lang", "c", &named]);
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt/template-c.wasm");
+    fs::copy(kept, folder.join("my-grasp.wasm")).unwrap();
+    done(&["candidate", "register", &named]);
+    assert!(!done(&["alarms"]).contains("kept-false"));
+    let compiled = root.path().join("store/compiled");
+    let forms: Vec<_> = fs::read_dir(&compiled).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert_eq!(forms.len(), 1, "{forms:?}");
+    let mut bytes = fs::read(&forms[0]).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&forms[0], bytes).unwrap();
+    done(&["candidate", "register", "manifests/candidates/align-improved"]);
+    let alarms = done(&["alarms"]);
+    assert!(alarms.contains("kept-false") && alarms.contains("grasp@1.1.0"), "{alarms}");
+}
