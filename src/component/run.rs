@@ -253,7 +253,6 @@ impl Skill for Run {
 mod tests {
     use std::collections::BTreeSet;
     use std::sync::atomic::{AtomicBool, Ordering};
-    use std::time::Duration;
 
     use crate::guest::{Guest, seen};
     use crate::machine::Machine;
@@ -274,7 +273,7 @@ mod tests {
             scope.spawn(|| {
                 while !over.load(Ordering::Acquire) {
                     Machine::get().unwrap().engine.increment_epoch();
-                    std::thread::sleep(Duration::from_millis(1));
+                    std::thread::yield_now();
                 }
             });
             let said = run.tick(&seen(0));

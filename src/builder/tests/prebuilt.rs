@@ -24,8 +24,9 @@ fn the_digests_are_those_of_the_files() {
         .map(|entry| entry.unwrap().path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "wasm"))
         .map(|path| {
-            let digest: String =
-                Sha256::digest(fs::read(&path).unwrap()).iter().map(|byte| format!("{byte:02x}")).collect();
+            let digest: String = Sha256::digest(fs::read(&path).unwrap())
+                .iter()
+                .fold(String::new(), |text, byte| format!("{text}{byte:02x}"));
             (path.file_name().unwrap().display().to_string(), digest)
         })
         .collect();

@@ -1,3 +1,5 @@
+//! What the verbs on a skill of one's own say, and how they end.
+
 use std::fs;
 
 use clap::Parser as _;

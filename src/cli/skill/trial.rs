@@ -50,7 +50,8 @@ struct TestReport {
 #[derive(Debug, Serialize)]
 struct Admitted {
     profile: ProfileName,
-    admitted: bool,
+    /// Whether the static rules let it run there.
+    runs: bool,
     reasons: Vec<String>,
 }
 
@@ -74,7 +75,7 @@ impl TestReport {
     /// Whether the code keeps its contract.
     fn keeps(&self) -> bool {
         self.unlike == 0
-            && self.admitted.iter().any(|one| one.admitted)
+            && self.admitted.iter().any(|one| one.runs)
             && self.episodes.iter().all(|episode| episode.fault.is_none())
     }
 }
@@ -148,7 +149,7 @@ fn admitted(candidate: &Capability) -> Result<Vec<Admitted>, CliError> {
     let judged = standing.judge(candidate, &profiles).map_err(CliError::internal)?;
     let one = |(profile, found): (Profile, StaticFindings)| Admitted {
         profile: profile.name,
-        admitted: found.admits(),
+        runs: found.admits(),
         reasons: found.reasons().map(ToString::to_string).collect(),
     };
     Ok(judged.into_iter().map(one).collect())
@@ -170,7 +171,7 @@ fn lines(report: &TestReport, out: &mut Output<'_>) -> Result<(), CliError> {
         report.episodes.len()
     ))?;
     for one in &report.admitted {
-        let verdict = if one.admitted { "admitted by the static rules" } else { "NOT ADMITTED" };
+        let verdict = if one.runs { "admitted by the static rules" } else { "NOT ADMITTED" };
         out.line(&format!("in {:<8} {verdict}", one.profile.name()))?;
         one.reasons.iter().try_for_each(|reason| out.paragraph("            ", reason))?;
     }

@@ -8,7 +8,6 @@
 
 use std::collections::BTreeSet;
 use std::hint::black_box;
-use std::path::Path;
 use std::time::Instant;
 
 use holdpoint_body::{Command, GuardVerdict, Observation, Pose, TaskKind, Twist};
@@ -71,8 +70,8 @@ fn resident_kib() -> u64 {
 
 fn main() {
     let mut names = std::env::args().skip(1);
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/guests/everything.wasm");
-    let bytes = std::fs::read(names.next().map_or(shipped, Into::into)).unwrap();
+    let shipped = include_bytes!("../tests/guests/everything.wasm");
+    let bytes = names.next().map_or(shipped.to_vec(), |name| std::fs::read(name).unwrap());
     let parameters = names.next().map_or(serde_json::Value::Null, |name| {
         serde_json::from_str(&std::fs::read_to_string(name).unwrap()).unwrap()
     });

@@ -2,8 +2,6 @@
 //!
 //!     cargo run -p holdpoint-component --example encode_guest -- CORE.wasm OUT.wasm
 
-use std::path::Path;
-
 use wasi_preview1_component_adapter_provider::{
     WASI_SNAPSHOT_PREVIEW1_ADAPTER_NAME, WASI_SNAPSHOT_PREVIEW1_REACTOR_ADAPTER,
 };
@@ -16,8 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("two names are needed: the core module, and the component to make".into());
     };
     let mut resolve = Resolve::default();
-    let wit = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sdk/wit");
-    let (package, _) = resolve.push_path(wit)?;
+    let package = resolve.push_str("skill.wit", include_str!("../../sdk/wit/skill.wit"))?;
     let world = resolve.select_world(&[package], Some("component"))?;
     let mut core = std::fs::read(from)?;
     embed_component_metadata(&mut core, &resolve, world, StringEncoding::UTF8)?;

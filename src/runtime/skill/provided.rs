@@ -107,6 +107,7 @@ mod tests {
         }
     }
 
+    #[allow(clippy::unnecessary_wraps, reason = "what loads may fail")]
     fn still(file: &str, params: &str) -> Result<Arc<dyn SkillBundle>, TextError> {
         let Ok(controller) = Controller::parse("grasp", file, params) else { panic!("{file}") };
         Ok(Arc::new(Still(NativeBundle::new(controller).unwrap())))
