@@ -1,6 +1,6 @@
 //! `holdpoint skill new | build | test | run`: from nothing to a candidate of one's own code.
 //!
-//! Parses arguments and prints; [`holdpoint_builder`] writes folders and builds, [`trial`] works episodes. Registers and decides
+//! Parses arguments and prints; [`holdpoint_builder`] writes folders and builds, `trial.rs` works episodes. Registers and decides
 //! nothing.
 
 mod measured;

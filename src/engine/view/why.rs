@@ -61,7 +61,7 @@ fn measured(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView 
         _ => None,
     };
     let decisive = match (found, first_against) {
-        (Some(found), Some(reason)) if !says_the_same(about, dossier) => {
+        (Some(found), Some(reason)) if !says_the_same(about, dossier) && found != with_numbers(reason) => {
             format!("{found}: {}", with_numbers(reason))
         }
         (Some(found), Some(_)) => found,
