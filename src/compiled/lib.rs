@@ -8,7 +8,7 @@
 //! # Why this crate may be `unsafe`
 //!
 //! [`Component::deserialize`] is `unsafe` because it trusts its bytes. This crate is the only one of the workspace that
-//! calls it, in one place ([`CompiledForms::load`]), and on nothing but a buffer that nobody else has and that it verified
+//! calls it, in one place (`CompiledForms::load`), and on nothing but a buffer that nobody else has and that it verified
 //! itself just before: no mapped file, no second reading, no other way in. All else is safe Rust, and every other crate forbids `unsafe`.
 
 use std::fmt;
