@@ -294,8 +294,8 @@ use screen::{picture, show};
 
 /// A build without the console draws nothing.
 #[cfg(not(feature = "console"))]
-fn picture(_: &Tryout, _: &Film, _: &mut Output<'_>) -> Result<(), CliError> {
-    Ok(())
+fn picture(_: &Tryout, _: &Film, out: &mut Output<'_>) -> Result<(), CliError> {
+    out.line("picture     none: this build has no screen")
 }
 
 #[cfg(not(feature = "console"))]
