@@ -121,8 +121,7 @@ mod tests {
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
 
-    use crate::experiment::candidate::{Setting, Thresholds, take};
-    use holdpoint_engine::Experiment;
+    use crate::experiment::candidate::{Setting, take};
     use holdpoint_registry::{KeptCells, KeptSecret};
 
     use super::*;
@@ -134,15 +133,7 @@ mod tests {
         let cell = Cell::builtin().unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh().unwrap());
-        let setting = Setting {
-            cell: &cell,
-            profile: ProfileName::Sim,
-            seed: CALIBRATION_FROM_RUN,
-            cells: &cells,
-            experiment: Experiment::default(),
-            thresholds: Thresholds::AsTheyAre,
-            workers: 2,
-        };
+        let setting = Setting::calibration(&cell, &cells);
         let native = holdpoint_engine::embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();
         let component = with_code(&native, CONTROLLERS).unwrap();

@@ -57,6 +57,22 @@ pub struct Setting<'a> {
     pub thresholds: Thresholds,
 }
 
+#[cfg(test)]
+impl<'a> Setting<'a> {
+    /// The whole way under `sim`, on a seed of calibration.
+    pub(crate) fn calibration(cell: &'a Cell, cells: &'a KeptCells) -> Self {
+        Self {
+            cell,
+            profile: ProfileName::Sim,
+            seed: holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN,
+            cells,
+            experiment: Experiment::default(),
+            thresholds: Thresholds::AsTheyAre,
+            workers: 2,
+        }
+    }
+}
+
 /// How the profile's thresholds of the four kappas are scaled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Thresholds {

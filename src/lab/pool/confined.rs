@@ -82,19 +82,16 @@ fn numbers(kind: Kind, stream: &mut Stream) -> [f64; 4] {
 mod tests {
     use std::collections::BTreeSet;
 
-    use holdpoint_engine::Experiment;
     use holdpoint_engine::cell::Cell;
     use holdpoint_engine::embedded;
-    use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
     use holdpoint_governance::lifecycle::Stage;
-    use holdpoint_governance::profile::ProfileName;
     use holdpoint_registry::{KeptCells, KeptSecret};
     use holdpoint_runtime::capability::Capability;
 
     use super::super::Preset;
     use super::super::generate::{Order, draw};
     use super::*;
-    use crate::experiment::candidate::{Setting, Thresholds, take};
+    use crate::experiment::candidate::{Setting, take};
     use crate::same_code::with_code;
 
     /// What traps, computes for ever, or takes more memory in its work does none of it to the engine: the sandbox ends
@@ -104,15 +101,7 @@ mod tests {
         let cell = Cell::builtin().unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh().unwrap());
-        let setting = Setting {
-            cell: &cell,
-            profile: ProfileName::Sim,
-            seed: CALIBRATION_FROM_RUN,
-            cells: &cells,
-            experiment: Experiment::default(),
-            thresholds: Thresholds::AsTheyAre,
-            workers: 2,
-        };
+        let setting = Setting::calibration(&cell, &cells);
         let native = embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();
         for (kind, number) in [(Kind::Trap, 150.0), (Kind::BusyLoop, 150.0), (Kind::MemoryGrowth, 4_096.0)] {
