@@ -180,9 +180,10 @@ fn an_engine_that_does_not_come_up_is_said_in_its_own_words() {
     assert_restored(&console);
 }
 
-/// A stop at an engine that hangs was said to be under way, and then nothing was said any more.
+/// A stop at an engine that hangs was said to be under way, and then nothing was said any more; once the engine went on,
+/// the arm worked and the stop was never carried out.
 #[test]
-fn an_engine_that_is_silent_is_named_and_a_stop_without_an_answer_stays_in_sight() {
+fn an_engine_that_is_silent_is_named_and_a_stop_without_an_answer_is_carried_out_once_it_is_heard() {
     let home = Home::new();
     let mut console = begun(&home, "60");
     let id = engine(&home);
@@ -197,8 +198,6 @@ fn an_engine_that_is_silent_is_named_and_a_stop_without_an_answer_stays_in_sight
     other.wait_for_text(&format!("process {id}, does not answer: a signal stopped it"));
     signal(id, Signal::CONT);
     other.wait_for("it sits down after all", |screen| is_up(&screen.contents()));
-    assert!(console.contents().contains("STOP NOT CONFIRMED"), "{}", console.contents());
-    console.keys("X");
     console.wait_for("it is stopped, and that is said", |screen| {
         let text = screen.contents();
         text.contains("STOPPED by") && !text.contains("STOP NOT")

@@ -105,6 +105,10 @@ impl Seeking {
 pub struct StopAsked {
     /// The newest request of it.
     pub id: String,
+    /// Who asked for it; empty where nobody had said a name.
+    pub by: String,
+    /// Console time of the newest request, ms.
+    pub asked_ms: u64,
     /// Console time since when it is asked for, ms.
     pub since_ms: u64,
     /// Why the newest request got no answer; absent while one may still come.

@@ -10,6 +10,9 @@ use holdpoint_text::Hint as _;
 /// Requests without an answer at once; far below the engine's own limit.
 const PENDING_MAX: usize = 32;
 
+/// A stop that came to nothing is asked for again no sooner, ms.
+const STOP_AGAIN_MS: u64 = 1_000;
+
 /// What a demonstration is called that was asked for.
 pub(super) const DEMO: &str = "submit the next demonstration candidate";
 
@@ -40,15 +43,37 @@ pub(super) fn stop(model: &mut Model) -> Vec<Effect> {
     // Who has said no name is nobody: the record names user and process beside it.
     let by = model.seat.operator.as_ref().map_or_else(String::new, |who| who.name.clone());
     let text = match model.absence() {
-        None => "STOP: the arm is being stopped",
+        None => "STOP: the stop is asked for",
         Some(_) => "STOP: the engine that is at work is being asked",
     };
     tell(model, text, true);
-    let question = Question::Stop { by };
+    ask_stop(model, by)
+}
+
+fn ask_stop(model: &mut Model, by: String) -> Vec<Effect> {
+    let question = Question::Stop { by: by.clone() };
     let id = noted(model, question.about(), "stop the cell".to_owned());
-    let since_ms = model.told.stop_asked.as_ref().map_or(model.now_ms, |asked| asked.since_ms);
-    model.told.stop_asked = Some(StopAsked { id: id.clone(), since_ms, why: None });
+    let now_ms = model.now_ms;
+    let since_ms = model.told.stop_asked.as_ref().map_or(now_ms, |asked| asked.since_ms);
+    model.told.stop_asked = Some(StopAsked { id: id.clone(), by, asked_ms: now_ms, since_ms, why: None });
     vec![Effect::Ask { id, question }]
+}
+
+/// An engine is heard whose cell works: a stop that came to nothing, and that nobody has taken back, is asked for again.
+pub(super) fn stop_again(model: &mut Model) -> Vec<Effect> {
+    if model.told.engine != EngineState::Running {
+        return Vec::new();
+    }
+    let now_ms = model.now_ms;
+    // One that fails at once is not asked for with every picture.
+    let is_due = |asked: &&StopAsked| {
+        asked.why.is_some() && now_ms.saturating_sub(asked.asked_ms) >= STOP_AGAIN_MS
+    };
+    let Some(by) = model.told.stop_asked.as_ref().filter(is_due).map(|asked| asked.by.clone()) else {
+        return Vec::new();
+    };
+    tell(model, "STOP: the engine answers again; your stop came to nothing and is asked for again", true);
+    ask_stop(model, by)
 }
 
 /// Asks something that decides nothing.

@@ -162,7 +162,11 @@ pub(super) fn snapshot(model: &mut Model, snapshot: Arc<Snapshot>) -> Vec<Effect
     model.told.snapshot_ms = model.now_ms;
     model.told.snapshot = Some(snapshot);
     operating::follow(model);
-    if calls { vec![Effect::Bell] } else { Vec::new() }
+    let mut effects = asking::stop_again(model);
+    if calls {
+        effects.push(Effect::Bell);
+    }
+    effects
 }
 
 /// Notes how far each stage is; of what rests or is over nothing is kept.

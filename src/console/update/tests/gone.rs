@@ -73,21 +73,42 @@ fn a_stop_that_nobody_answers_is_said_until_something_confirms_it() {
     assert!(!words(&console, SIZES[0]).contains("STOP NOT"));
 }
 
+fn asks_for_a_stop(effects: &[Effect]) -> bool {
+    matches!(effects, [Effect::Ask { question: Question::Stop { by }, .. }] if by == "ana")
+}
+
+/// It went on saying that nothing moves the arm while the engine answered, and the stop was never carried out.
 #[test]
-fn a_stop_that_came_to_nothing_is_let_go_once_the_engine_is_heard() {
+fn a_stop_that_came_to_nothing_is_asked_for_again_once_the_engine_is_heard() {
     let mut console = TestConsole::new(0);
     let asked = id(&console.keys("X"));
-    console.tell(MsgKind::Answer {
-        id: asked,
-        reply: Box::new(refused(Refusal::NoAnswer, "it does not answer")),
-    });
-    later(&mut console, 1_000);
+    // Whoever sits down meanwhile has asked for nothing.
+    console.sit("bo");
+    later(&mut console, 5_000);
+    let why = "process 712 does not answer: a signal stopped it; nothing moves the arm meanwhile";
+    let no_answer = || Box::new(refused(Refusal::NoAnswer, why));
+    console.tell(MsgKind::Answer { id: asked.clone(), reply: no_answer() });
     console.press(KeyCode::Esc);
     assert!(words(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "nothing was heard since");
-    console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
-    assert!(words(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "that is no confirmation");
-    console.press(KeyCode::Esc);
-    assert!(!words(&console, SIZES[0]).contains("STOP NOT"));
+    let effects = console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+    assert!(asks_for_a_stop(&effects), "{effects:?}");
+    let again = id(&effects);
+    assert_ne!(again, asked);
+    let screen = words(&console, SIZES[0]);
+    assert!(screen.contains("STOP NOT ANSWERED for 5 s") && screen.contains("asked for again"), "{screen}");
+    assert!(!screen.contains("nothing moves the arm"), "{screen}");
+    // It is under way: nothing is asked for twice, and where it fails at once, not with every picture.
+    assert!(console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e')))).is_empty());
+    console.tell(MsgKind::Answer { id: again, reply: no_answer() });
+    assert!(console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e')))).is_empty());
+    // Whoever asked for it may take it back, now that the engine is heard.
+    let mut taken_back = console.clone();
+    taken_back.press(KeyCode::Esc);
+    assert!(!words(&taken_back, SIZES[0]).contains("STOP NOT"));
+    later(&mut taken_back, 60_000);
+    assert!(taken_back.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e')))).is_empty());
+    later(&mut console, 1_000);
+    assert!(asks_for_a_stop(&console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))))));
 }
 
 fn attached() -> TestConsole {
@@ -156,6 +177,11 @@ fn what_was_asked_of_an_engine_that_is_gone_is_not_waited_for() {
     console.tell(MsgKind::Seated(Some(902)));
     assert!(!console.model.asking.pending.contains_key(&asked));
     assert!(words(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "nobody knows what became of it");
+    // Whoever asked for it wanted the arm to stand: the engine that is at work now is asked as well.
+    later(&mut console, 5_000);
+    console.tell(MsgKind::EngineStarted);
+    let effects = console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
+    assert!(asks_for_a_stop(&effects), "{effects:?}");
 }
 
 fn event(seq: u64) -> Event {
