@@ -153,6 +153,12 @@ impl Model {
         if self.told.snapshot.is_some() { None } else { self.absence() }
     }
 
+    /// Whether the cell is stopped, as the newest snapshot has it.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.told.snapshot.as_ref().is_some_and(|now| now.stopped.is_some())
+    }
+
     /// How old the newest snapshot is if it is stale, ms.
     #[must_use]
     pub fn stale_ms(&self) -> Option<u64> {

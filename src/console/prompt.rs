@@ -49,6 +49,8 @@ pub enum Obstacle {
     OwnWork,
     /// This person has approved already; another one is needed.
     Approved,
+    /// Enough people have approved: it only waits to take over.
+    Granted,
     /// The short id is not typed.
     ShortId,
     /// The reason is missing.
@@ -72,7 +74,8 @@ impl Obstacle {
             Self::Stale => "evidence changed: r reads it again",
             Self::Guard => "wait a moment",
             Self::OwnWork => "you made it: somebody else decides (`:as NAME`)",
-            Self::Approved => "you have approved: a second person is needed (`:as NAME`)",
+            Self::Approved => "you have approved: somebody else is needed (`:as NAME`)",
+            Self::Granted => "enough people have approved: nobody else is needed",
             Self::ShortId => "type the short id (tab)",
             Self::Reason => "give a reason (tab)",
             Self::NoRefusal => "Esc leaves the door shut; F rejects the version",
@@ -97,6 +100,8 @@ pub struct Prompt {
     /// The candidate as it was read.
     pub evidence: CandidateView,
     pub robot: String,
+    /// Whether the cell is stopped: what is approved takes over once it works again.
+    pub stopped: bool,
     /// Console time at which it was opened or read again, ms.
     pub opened_ms: u64,
     /// What has the keys.
@@ -206,6 +211,7 @@ impl Prompt {
             seen: question.clone(),
             evidence,
             robot: snapshot.robot.clone(),
+            stopped: snapshot.stopped.is_some(),
             opened_ms: now_ms,
             focus: Focus::Hold,
             short_id: EditLine::default(),
@@ -259,6 +265,7 @@ impl Prompt {
     /// Holds what was read against how things stand. Once stale it stays so until it is read again.
     pub fn look(&mut self, snapshot: &Snapshot, now_ms: u64) {
         let now = self.question(snapshot);
+        self.stopped = snapshot.stopped.is_some();
         self.closed = now.is_none();
         if self.closed {
             let types = self.signing.as_ref().is_some_and(|signing| !signing.is_checked());
@@ -286,6 +293,7 @@ impl Prompt {
             // Another person's answer changes nothing that was read.
             Some(now) => {
                 self.seen.approved_by.clone_from(&now.approved_by);
+                self.seen.granted = now.granted;
                 None
             }
         };
@@ -308,19 +316,21 @@ impl Prompt {
         read_only: bool,
         now_ms: u64,
     ) -> Vec<Obstacle> {
-        let approves = answer == Answer::Approve;
+        let granted = answer == Answer::Approve && self.seen.granted;
+        let approves = answer == Answer::Approve && !granted;
         let guarded = now_ms.saturating_sub(self.opened_ms) < GUARD_MS;
         let is = |name: &str| who.is_some_and(|who| who.name == name);
         let id_missing = approves && self.seen.tier >= 1 && self.short_id.text() != self.wanted_id();
-        let reason_needed = !approves || self.seen.tier >= 2;
+        let reason_needed = !granted && (!approves || self.seen.tier >= 2);
         let emergency = self.seen.purpose == Purpose::Emergency;
         let checks = [
-            (emergency && !approves, Obstacle::NoRefusal),
+            (emergency && answer == Answer::Reject, Obstacle::NoRefusal),
             (read_only, Obstacle::ReadOnly),
             (who.is_none(), Obstacle::NoIdentity),
             (self.closed, Obstacle::Closed),
             (self.stale.is_some() && !self.closed, Obstacle::Stale),
             (guarded, Obstacle::Guard),
+            (granted, Obstacle::Granted),
             // A refusal needs no reading.
             (approves && self.unread() > 0, Obstacle::Unread),
             (approves && is(&self.seen.author), Obstacle::OwnWork),

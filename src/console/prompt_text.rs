@@ -3,7 +3,7 @@
 //! The screen shows these lines and no others, and they are what is stored with the decision.
 
 use super::prompt::Prompt;
-use super::words::{kappa_line, reason_line, seconds, standing};
+use super::words::{kappa_line, reason_line, seconds, standing, taken_over};
 use holdpoint_engine::explain::is_in_favour;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::profile::titled;
@@ -84,6 +84,7 @@ impl Prompt {
         lines.push(format!("Approvals: {} of {} ({by})", seen.approved_by.len(), seen.needed));
         let by = seconds(seen.deadline_ms);
         lines.push(match seen.purpose {
+            _ if seen.granted => format!("Approved: it {}", taken_over(self.stopped)),
             Purpose::Activation => format!("Nobody answers by {by}: it is held, never approved"),
             Purpose::Release => format!("Nobody answers by {by}: it stays restricted"),
             Purpose::Review => {

@@ -4,7 +4,7 @@ use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::seat::SeatView;
-use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
+use holdpoint_protocol::snapshot::{CandidateView, PromptView, Snapshot};
 use holdpoint_protocol::words::clock_time;
 use holdpoint_text::Untrusted;
 
@@ -130,6 +130,28 @@ pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
     } else {
         return None;
     })
+}
+
+/// When what enough people have approved takes over.
+#[must_use]
+pub const fn taken_over(cell_is_stopped: bool) -> &'static str {
+    if cell_is_stopped {
+        "takes over at once when the cell works again"
+    } else {
+        "takes over when the sequence that runs is over"
+    }
+}
+
+/// How many have approved, and what becomes of the question.
+#[must_use]
+pub fn approvals(prompt: &PromptView, cell_is_stopped: bool, now_ms: u64) -> (String, String) {
+    let count = format!("{} of {}", prompt.approved_by.len(), prompt.needed);
+    let next = if prompt.granted {
+        taken_over(cell_is_stopped).to_owned()
+    } else {
+        format!("held in {}", duration(prompt.deadline_ms.saturating_sub(now_ms)))
+    };
+    (count, next)
 }
 
 /// The seven stages of the pipeline strip, in order.

@@ -214,6 +214,7 @@ impl Pipeline {
             context: &self.context,
             agent: self.bound_agent(),
             sequence_runs: self.world.is_running() || self.world.is_halted(),
+            cell_stands: self.world.is_halted(),
             record: &mut self.record,
             dossiers: &mut self.dossiers,
             approvals: &mut self.approvals,

@@ -74,13 +74,23 @@ pub(super) fn go(model: &mut Model) -> Vec<Effect> {
         Some(stopped) => {
             let (since_ms, stops) = (stopped.since_ms, stopped.stops);
             let intent = Intent::Go { since_ms, stops, last_ms: stopped.last_ms() };
-            open(model, intent, stop_lines(&stopped))
+            let lines = go_lines(model, &stopped);
+            open(model, intent, lines)
         }
         None => refuse(model, "the cell is not stopped"),
     }
 }
 
-/// Everybody who stopped the cell, and what letting it work does.
+/// What letting the cell work does: who stopped it, and what takes control with it.
+fn go_lines(model: &Model, stopped: &StoppedView) -> Vec<String> {
+    let mut lines = stop_lines(stopped);
+    let prompts = model.told.snapshot.iter().flat_map(|now| &now.prompts);
+    let granted = prompts.filter(|prompt| prompt.granted);
+    lines.extend(granted.map(|prompt| format!("{} is approved and takes control at once", prompt.version)));
+    lines
+}
+
+/// Everybody who stopped the cell, and that the arm moves.
 fn stop_lines(stopped: &StoppedView) -> Vec<String> {
     let somebody = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
@@ -174,7 +184,7 @@ fn still_stopped(model: &Model, read: (u64, u64)) -> Result<Vec<String>, String>
             let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
             Err(stopped_anew(by, stopped.last_ms()))
         }
-        Some(stopped) => Ok(stop_lines(stopped)),
+        Some(stopped) => Ok(go_lines(model, stopped)),
     }
 }
 

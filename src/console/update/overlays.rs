@@ -9,6 +9,7 @@ use crate::form::{Confirmed, FormFocus, Intent};
 use crate::model::{AskedFor, Model, Overlay, Told};
 use crate::prompt::{Focus, Obstacle};
 use crate::secret::{Signing, SigningKey};
+use crate::words::taken_over;
 use holdpoint_approvals::Passphrase;
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::Answer;
@@ -234,10 +235,16 @@ fn step_focus(model: &mut Model, forward: bool) {
 }
 
 fn close_held(model: &mut Model) {
-    let closed = matches!(&model.entry.overlay, Some(Overlay::Prompt(prompt)) if prompt.closed);
+    let text = match &model.entry.overlay {
+        Some(Overlay::Prompt(prompt)) if prompt.closed => None,
+        Some(Overlay::Prompt(prompt)) if prompt.seen.granted => {
+            Some(format!("{} is approved and {}", prompt.seen.version, taken_over(prompt.stopped)))
+        }
+        _ => Some("undecided: it goes on waiting and is held at its deadline".to_owned()),
+    };
     model.entry.overlay = None;
-    if !closed {
-        tell(model, "undecided: it goes on waiting and is held at its deadline", false);
+    if let Some(text) = text {
+        tell(model, text, false);
     }
 }
 

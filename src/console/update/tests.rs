@@ -28,6 +28,7 @@ mod aim;
 mod alone;
 mod following;
 mod gone;
+mod granted;
 mod health;
 mod marks;
 mod offers;

@@ -31,8 +31,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         pen.text(inside, 0, ThemeRole::Muted, "Nothing waits for a person");
         return;
     }
-    let now_ms = model.engine_ms();
-    let rows: Vec<Row> = items.iter().map(|item| waiting_row(item, now_ms, pen)).collect();
+    let rows: Vec<Row> = items.iter().map(|item| waiting_row(model, item, pen)).collect();
     pen.list(inside, rows.len(), Some(model.row()), |index, _| rows.get(index).cloned().unwrap_or_default());
     let Some(item) = items.get(model.row()) else { return };
     let inside = pen.pane(lower, &item.version().to_string(), false, "");

@@ -19,7 +19,7 @@ use crate::rows::{CandidateItem, WaitingItem};
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
-use crate::words::duration;
+use crate::words::{approvals, duration};
 
 const PIPELINE: usize = 0;
 pub(super) const ROBOT: usize = 1;
@@ -166,24 +166,27 @@ fn waiting_pane(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
     let key = model.keymap.key(crate::action::Action::ShowApprovals);
     let inside = pen.pane(area, "Waits for people", false, &format!("{key} opens"));
-    let now_ms = model.engine_ms();
     for (at, item) in (0..inside.height).zip(&rows) {
-        pen.row(inside, at, &waiting_row(item, now_ms, pen));
+        pen.row(inside, at, &waiting_row(model, item, pen));
     }
 }
 
 /// One thing that waits, in a line.
 #[must_use]
-pub fn waiting_row(item: &WaitingItem<'_>, now_ms: u64, pen: &Pen<'_>) -> Row {
+pub fn waiting_row(model: &Model, item: &WaitingItem<'_>, pen: &Pen<'_>) -> Row {
+    let now_ms = model.engine_ms();
     let glyph = pen.look.glyph(Glyph::Waiting);
     match item {
         WaitingItem::Question(question) => Row::of(ThemeRole::Waiting, &format!("{glyph} question "))
             .with(ThemeRole::Text, &question.version.to_string())
             .with(ThemeRole::Muted, &format!("  rolled back in {}", left(question.deadline_ms, now_ms))),
-        WaitingItem::Prompt(prompt) => Row::of(ThemeRole::Waiting, &format!("{glyph} approval "))
-            .with(ThemeRole::Text, &prompt.version.to_string())
-            .with(ThemeRole::Text, &format!("  {} of {}", prompt.approved_by.len(), prompt.needed))
-            .with(ThemeRole::Muted, &format!("  held in {}", left(prompt.deadline_ms, now_ms))),
+        WaitingItem::Prompt(prompt) => {
+            let (count, next) = approvals(prompt, model.is_stopped(), now_ms);
+            let role = if prompt.granted { ThemeRole::Text } else { ThemeRole::Muted };
+            Row::of(ThemeRole::Waiting, &format!("{glyph} approval "))
+                .with(ThemeRole::Text, &format!("{}  {count}", prompt.version))
+                .with(role, &format!("  {next}"))
+        }
     }
 }
 

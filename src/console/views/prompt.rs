@@ -196,7 +196,7 @@ fn foot(model: &Model, prompt: &Prompt, pen: &Pen<'_>, width: usize) -> Vec<Row>
             .with(ThemeRole::Key, "Enter")
             .with(ThemeRole::Text, " or ")
             .with(ThemeRole::Key, &key(Action::Back))
-            .with(ThemeRole::Text, " Hold: decide later"),
+            .with(ThemeRole::Text, if prompt.seen.granted { " leaves it so" } else { " Hold: decide later" }),
     );
     rows
 }

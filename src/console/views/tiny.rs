@@ -117,7 +117,6 @@ fn body(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 
 /// Alarms and what waits: in every view, and first. Tells what is left of the area.
 fn attention(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
-    let now_ms = model.engine_ms();
     let waiting = model.waiting_rows();
     let alarms = model.alarm_rows();
     let height = usize::from(area.height);
@@ -125,7 +124,7 @@ fn attention(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let most = if height >= VIEW_ROWS_MIN { 2 } else { (height / 2).max(1) };
     let waiting = if model.place.view == View::Approvals { &[][..] } else { &waiting[..] };
     let rows: Vec<Row> =
-        waiting.iter().take(most).map(|item| overview::waiting_row(item, now_ms, pen)).collect();
+        waiting.iter().take(most).map(|item| overview::waiting_row(model, item, pen)).collect();
     let room = if height >= VIEW_ROWS_MIN { most } else { height.saturating_sub(rows.len()) };
     let room = if height >= VIEW_ROWS_MIN && model.place.view == View::Alarms { 0 } else { room };
     let alarms = alarms.iter().take(room).map(|item| alarm(*item, pen));
@@ -217,8 +216,7 @@ fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         }
         View::Alarms => model.alarm_rows().iter().map(|item| alarm(*item, pen)).collect(),
         View::Approvals => {
-            let now_ms = model.engine_ms();
-            model.waiting_rows().iter().map(|item| overview::waiting_row(item, now_ms, pen)).collect()
+            model.waiting_rows().iter().map(|item| overview::waiting_row(model, item, pen)).collect()
         }
         View::Audit => model.audit_rows().iter().map(super::audit::brief).collect(),
         View::Shadow => {

@@ -37,6 +37,8 @@ pub struct Activation<'a> {
     pub monitors: &'a mut Monitors,
     /// Versions change places between two sequences, never under a moving arm.
     pub sequence_runs: bool,
+    /// The cell is stopped: nothing takes over before it works again.
+    pub cell_stands: bool,
     /// The agent the store is for, and the one that dispatches.
     pub agent: BoundAgent,
 }
@@ -107,7 +109,12 @@ impl Activation<'_> {
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.sequence_runs => {
                 self.approvals.grant_later(id);
-                Ok(format!("{id} is approved and takes over when the sequence that runs is over"))
+                let when = if self.cell_stands {
+                    "at once when the cell works again (`go`)"
+                } else {
+                    "when the sequence that runs is over"
+                };
+                Ok(format!("{id} is approved and takes over {when}"))
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reason) };
