@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! [Success] Violations  Time  Force      18 h, a column is 15 min, UTC
-//! ▸ grasp ─────────────────────────────────── 94.0 % of 810 [92, 95] ─
+//! ▸ grasp ────────────────────────────── done 94.0 % of 810 [92, 95] ─
 //!  100 ⣀⣀⣀⡠⠤⠒⠒⠤⣀⡠⠤⠒                  a line: the share; dots above and below
 //!   80              ⠒⠤⣀              it: the ends of the interval of 95 %
 //!                  P      !
@@ -203,7 +203,8 @@ fn draw_families(
         let right = match together(all) {
             Some((tasks, done, [low, high])) => {
                 let share = 100.0 * done as f64 / tasks as f64;
-                format!("{share:.1} % of {tasks} [{:.0}, {:.0}]", 100.0 * low, 100.0 * high)
+                // Whatever quantity is drawn: this is the share that was done.
+                format!("done {share:.1} % of {tasks} [{:.0}, {:.0}]", 100.0 * low, 100.0 * high)
             }
             None => "no task".to_owned(),
         };
