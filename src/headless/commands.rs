@@ -68,7 +68,7 @@ enum Typed {
 pub(super) enum Said {
     /// A line to print.
     Line(String),
-    /// The run is to end.
+    /// The run is to end: everything that was typed before is carried out.
     Quit,
 }
 
@@ -87,6 +87,8 @@ pub(super) struct Commands {
     /// What waits for the one that is carried out.
     queue: VecDeque<Vec<String>>,
     in_turn: bool,
+    /// Whether the run is to end, once what was typed before is carried out.
+    quits: bool,
 }
 
 /// How a command is carried out, from whichever thread read it.
@@ -133,8 +135,10 @@ impl Commands {
                 let mut line = Vec::new();
                 let taken = input.by_ref().take(LINE_BYTES_MAX).read_until(b'\n', &mut line);
                 let line = String::from_utf8_lossy(&line).into_owned();
+                let typed = read(&line);
+                let quits = matches!(typed, Ok(Typed::Quit));
                 // Stopping waits for nothing: not for the lines before it, and not for the slice that is worked.
-                let stops = match read(&line) {
+                let stops = match typed {
                     Ok(Typed::Verb(words)) if words.first().is_some_and(|word| word == "stop") => Some(words),
                     _ => None,
                 };
@@ -143,7 +147,8 @@ impl Commands {
                     Some(words) => at_once.carry_out(words).is_ok() && sender.send(String::new()).is_ok(),
                     None => sender.send(line).is_ok(),
                 };
-                if taken.unwrap_or(0) == 0 || !went {
+                // What comes after the line that ends the run is nobody's any more.
+                if taken.unwrap_or(0) == 0 || !went || quits {
                     return;
                 }
             }
@@ -158,6 +163,7 @@ impl Commands {
             said,
             queue: VecDeque::new(),
             in_turn: false,
+            quits: false,
         })
     }
 
@@ -169,7 +175,12 @@ impl Commands {
     /// Whether the run has to go on for what was typed, or may yet be.
     pub(super) fn holds(&self) -> bool {
         let expects = !self.heard && !self.ended && self.begun.elapsed() < FIRST_LINE_MAX;
-        (self.stays && !self.ended) || expects || self.errands.are_under_way() || !self.queue.is_empty()
+        (self.stays && !self.ended) || expects || self.is_at_work()
+    }
+
+    /// Whether something that was typed is not carried out yet.
+    fn is_at_work(&self) -> bool {
+        self.errands.are_under_way() || !self.queue.is_empty()
     }
 
     /// What came since the last look.
@@ -191,13 +202,21 @@ impl Commands {
             }
         }
         self.go_on(&mut said);
+        if self.quits && !self.is_at_work() {
+            said.push(Said::Quit);
+        }
         said
     }
 
     fn take(&mut self, line: &str, said: &mut Vec<Said>) {
         match read(line) {
             Ok(Typed::Nothing) => {}
-            Ok(Typed::Quit) => said.push(Said::Quit),
+            Ok(Typed::Quit) => {
+                self.quits = true;
+                if self.is_at_work() {
+                    said.push(Said::Line("it ends once what was typed before is carried out".to_owned()));
+                }
+            }
             Ok(Typed::Help) => said.push(Said::Line(help())),
             Ok(Typed::Verb(words)) => self.queue.push_back(words),
             Err(why) => said.push(Said::Line(why)),

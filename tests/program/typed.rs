@@ -71,6 +71,19 @@ fn what_stops_waits_for_nothing_and_quit_ends() {
     assert!(!said(&output).contains("> status"), "{}", said(&output));
 }
 
+/// What a script had written before its last line was dropped without a word.
+#[test]
+fn quit_ends_after_what_was_typed_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let lines = "identity new mara --unprotected\ngoal grasp --as mara --reason 'only the first'\nstatus\nquit\nfly\n";
+    let text = said(&plain(&data, &["--plain"], lines));
+    for part in ["made the identity mara", "> goal grasp", "> status", "ends once what was typed before"] {
+        assert!(text.contains(part), "{part:?} is not in {text}");
+    }
+    assert!(!text.contains("fly"), "{text}");
+}
+
 /// Where it was chosen for want of a terminal, the input is somebody else's: a loop in a shell reads on from it.
 #[test]
 fn without_the_flag_the_input_is_left_alone() {
