@@ -6,6 +6,7 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
 
+use super::data;
 use super::own_service::OwnService;
 use super::run::{LivePace, RunArgs};
 use super::settings::{self, file, themes};
@@ -69,6 +70,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
         engine,
         view: args.scenes.view,
         options,
+        data: named(context),
         keymap,
         themes: themes()?,
         candidates: Box::new(Candidates::default().reader()),
@@ -87,6 +89,19 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
         (Cause::Asked, false) if !left.came_up => Exit::Usage,
         (Cause::Asked, false) | (Cause::Told | Cause::Gone, _) => Exit::Held,
     })
+}
+
+/// How another shell names this store; absent where it takes it without a word. From any folder, and as one word.
+fn named(context: &CliContext) -> Option<String> {
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    let is_ours = |other: &Path| other == context.data || real(other).is_some_and(|at| real(&context.data) == Some(at));
+    if data::folder(None).is_ok_and(|default| is_ours(&default)) {
+        return None;
+    }
+    let path = std::path::absolute(&context.data).unwrap_or_else(|_| context.data.clone());
+    let path = path.to_string_lossy();
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "/._-+,:@".contains(letter);
+    Some(if path.chars().all(is_plain) { path.into_owned() } else { format!("'{}'", path.replace('\'', r"'\''")) })
 }
 
 /// What is at work on the store already.
@@ -208,6 +223,18 @@ fn register(folder: &str) -> Result<Command, Problem> {
 mod tests {
     use super::*;
     use holdpoint_runtime::capability::Capability;
+
+    /// What was said to stop the arm addressed another store's.
+    #[test]
+    fn a_store_that_is_not_the_default_one_is_named_for_a_shell() {
+        let of = |data: &str| named(&CliContext { data: data.into(), data_given: true, json: false });
+        assert_eq!(of("/srv/cell-2").as_deref(), Some("/srv/cell-2"));
+        assert_eq!(of("/srv/ana's cell").as_deref(), Some(r"'/srv/ana'\''s cell'"));
+        assert!(of("try-out").is_some_and(|path| path.starts_with('/') && path.ends_with("/try-out")));
+        if let Ok(default) = data::folder(None) {
+            assert_eq!(named(&CliContext { data: default, data_given: false, json: false }), None);
+        }
+    }
 
     #[test]
     fn the_demonstration_goes_through_its_candidates_once() {

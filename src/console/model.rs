@@ -84,6 +84,8 @@ pub struct Model {
     pub seat: Present,
     pub notice: Option<Notice>,
     pub settings: ConsoleSettings,
+    /// How a shell names the store, where it is not the one that is taken without a word; a path as a shell reads it.
+    pub data: Option<String>,
     pub keymap: Arc<Keymap>,
     /// Names of themes there are.
     pub themes: Vec<String>,
@@ -103,6 +105,7 @@ impl Model {
             seat: Present::default(),
             notice: None,
             settings,
+            data: None,
             keymap,
             themes,
         }
@@ -166,6 +169,14 @@ impl Model {
         (self.told.snapshot.is_some() && age_ms > STALE_AFTER_MS).then_some(age_ms)
     }
 
+    /// A verb as it is typed into a shell, which has to name the store that this console is at.
+    #[must_use]
+    pub fn in_shell(&self, verb: &str) -> String {
+        let data = self.data.as_ref().map_or_else(String::new, |data| format!(" --data {data}"));
+        let gap = if verb.is_empty() { "" } else { " " };
+        format!("`holdpoint{gap}{verb}{data}`")
+    }
+
     /// What is to be done about a stop that nobody has confirmed; absent while none is overdue.
     #[must_use]
     pub fn stop_overdue(&self) -> Option<String> {
@@ -176,9 +187,9 @@ impl Model {
         }
         let key = self.keymap.key(Action::Stop);
         let secs = waited_ms / 1_000;
-        let do_it = format!(
-            "use the physical stop of the cell NOW; {key} asks again, `holdpoint stop` does so in a shell"
-        );
+        let shell = self.in_shell("stop");
+        let do_it =
+            format!("use the physical stop of the cell NOW; {key} asks again, {shell} does so in a shell");
         Some(match &asked.why {
             None => format!("STOP NOT ANSWERED for {secs} s: {do_it}"),
             Some(why) => format!("STOP NOT CONFIRMED for {secs} s: {do_it} ({why})"),

@@ -53,6 +53,8 @@ pub struct Console {
     /// Where the live scene is served; absent if it is not.
     pub view: Option<SocketAddr>,
     pub options: Options,
+    /// How a shell names the store, where it is not the one that is taken without a word.
+    pub data: Option<String>,
     pub keymap: Arc<Keymap>,
     /// The themes there are.
     pub themes: Themes,
@@ -114,6 +116,7 @@ fn on_screen(console: Console, look: Look, guard: RunningGuard) -> Result<Left, 
     };
     let mut screen = Screen::new()?;
     let mut model = model(&console.options, console.keymap, &console.themes, &look);
+    model.data = console.data;
     if let Ok(size) = screen.size() {
         model.size = size;
     }

@@ -1,5 +1,6 @@
 //! The last line: how things were left, in words that are true.
 
+use crate::model::Model;
 use holdpoint_engine::door::DoorError;
 use holdpoint_engine::host::EndFault;
 use holdpoint_governance::lifecycle::Stage;
@@ -49,9 +50,14 @@ pub(super) fn left(
 
 /// How a console left an engine that works on: `kept` is what that engine said when it was told to go on with nobody, and
 /// `ends_alone_s` for how long it does by itself.
-pub(super) fn at_work(cause: Cause, kept: &Result<(), DoorError>, ends_alone_s: Option<u64>) -> Left {
-    let mut text =
-        "left the engine at work; `holdpoint` comes back to it, `holdpoint stop` stops its arm".to_owned();
+pub(super) fn at_work(
+    model: &Model,
+    cause: Cause,
+    kept: &Result<(), DoorError>,
+    ends_alone_s: Option<u64>,
+) -> Left {
+    let (back, stop) = (model.in_shell(""), model.in_shell("stop"));
+    let mut text = format!("left the engine at work; {back} comes back to it, {stop} stops its arm");
     if let Some(secs) = ends_alone_s {
         text.push_str(&format!("; with nobody at it, it ends after {secs} s"));
     }
@@ -63,9 +69,10 @@ pub(super) fn at_work(cause: Cause, kept: &Result<(), DoorError>, ends_alone_s: 
 }
 
 /// How a console left an engine that was told to end and is not done with it.
-pub(super) fn still_ending(cause: Cause) -> Left {
-    let text =
-        "the engine was told to end and is at it; `holdpoint status` says when the store is free".to_owned();
+pub(super) fn still_ending(model: &Model, cause: Cause) -> Left {
+    let status = model.in_shell("status");
+    let text = format!("the engine was told to end and is at it; {status} says when the store is free");
+    let text = Untrusted::new(text).line().into_string();
     Left { cause, came_up: true, in_order: false, text }
 }
 

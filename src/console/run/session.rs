@@ -549,9 +549,9 @@ impl Session {
         let ends_alone_s = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.ends_alone_s);
         match (&ended, model.told.link) {
             (Some(Ok(())), _) if left && attached => {
-                return farewell::at_work(cause, &kept, ends_alone_s.filter(|_| !keeps));
+                return farewell::at_work(&model, cause, &kept, ends_alone_s.filter(|_| !keeps));
             }
-            (None, EngineLink::Attached) if asked_end => return farewell::still_ending(cause),
+            (None, EngineLink::Attached) if asked_end => return farewell::still_ending(&model, cause),
             (Some(Err(why)), EngineLink::Attached) if came_up => {
                 return farewell::ended_elsewhere(cause, why);
             }

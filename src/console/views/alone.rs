@@ -49,6 +49,10 @@ pub fn draw(model: &Model, absence: Absence, pen: &mut Pen<'_>, area: Rect) {
     );
     say(
         ThemeRole::Text,
-        "in a shell, `holdpoint status` shows how things stand, and `holdpoint stop` stops the arm as well",
+        &format!(
+            "in a shell, {} shows how things stand, and {} stops the arm as well",
+            model.in_shell("status"),
+            model.in_shell("stop")
+        ),
     );
 }

@@ -43,9 +43,14 @@ fn a_stop_that_nobody_answers_is_said_until_something_confirms_it() {
             assert!(screen.contains("STOP NOT ANSWERED for"), "{size:?} after {minutes} min: {screen}");
         }
         let screen = words(&console, SIZES[1]);
-        assert!(screen.contains("physical stop") && screen.contains("holdpoint stop"), "{screen}");
+        assert!(screen.contains("physical stop") && screen.contains("`holdpoint stop`"), "{screen}");
         later(&mut console, 60_000);
     }
+    // In a shell without a word it would be another store's arm.
+    let mut elsewhere = console.clone();
+    elsewhere.model.data = Some("/srv/cell-2".to_owned());
+    let screen = words(&elsewhere, SIZES[0]);
+    assert!(screen.contains("`holdpoint stop --data /srv/cell-2` does so in a shell"), "{screen}");
     // Whatever is open or typed, it stays in sight, and so does what is typed.
     console.keys(":pa");
     let screen = words(&console, SIZES[1]);
