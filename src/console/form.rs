@@ -331,6 +331,12 @@ impl Form {
         }
     }
 
+    /// Whether a line has the keys.
+    #[must_use]
+    pub const fn types(&self) -> bool {
+        matches!(self.focus, FormFocus::Minutes | FormFocus::Reason)
+    }
+
     /// The line that has the keys, if one has.
     pub const fn line_mut(&mut self) -> Option<&mut EditLine> {
         match self.focus {

@@ -423,6 +423,13 @@ impl Prompt {
             if down { self.scroll.saturating_add(step).min(most) } else { self.scroll.saturating_sub(step) };
     }
 
+    /// Whether there is something below what is on the screen; before the first frame, whether anything is unread.
+    #[must_use]
+    pub fn has_more(&self) -> bool {
+        let Reading { room, count, .. } = self.reading;
+        self.scroll.saturating_add(room) < count || (count == 0 && self.unread() > 0)
+    }
+
     /// The line that has the keys, if one has.
     pub const fn line_mut(&mut self) -> Option<&mut EditLine> {
         match self.focus {

@@ -7,13 +7,13 @@
 use ratatui::layout::Rect;
 
 use crate::action::Action;
-use crate::form::FormFocus;
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{EngineLink, HISTORY_PANE, Model, Notice, Overlay, Typing, View};
-use crate::prompt::Focus;
+use crate::prompt::{Focus, Obstacle, Prompt};
 use crate::update::possible::Possible;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, wrap};
+use holdpoint_governance::approval::Answer;
 
 /// The most lines of an answer.
 const NOTICE_ROWS: u16 = 8;
@@ -119,7 +119,7 @@ pub fn stop(model: &Model) -> Row {
             }
             Some(Overlay::Form(form)) => {
                 (form.void.is_some() && !form.is_one_key())
-                    || matches!(form.focus, FormFocus::Minutes | FormFocus::Reason)
+                    || form.types()
                     || form.signing.is_some()
             }
             Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
@@ -190,10 +190,11 @@ pub fn actions(model: &Model) -> Vec<Action> {
     use crate::action::Action as A;
     let here: &[Action] = match (&model.entry.overlay, model.place.view) {
         (Some(Overlay::Palette(_)), _) => &[A::Open, A::Up, A::Down, A::Back],
-        (Some(Overlay::Prompt(prompt)), _) if prompt.closed => &[A::PageDown, A::Back],
-        (Some(Overlay::Prompt(prompt)), _) if prompt.stale.is_some() => &[A::Reread, A::Back],
-        (Some(Overlay::Prompt(_)), _) => &[A::Approve, A::Reject, A::NextPane, A::PageDown, A::Back],
+        (Some(Overlay::Prompt(prompt)), _) => return in_prompt(model, prompt),
+        // What is typed there is a passphrase, and its own keys stand beside it.
+        (Some(Overlay::Form(form)), _) if form.signing.is_some() => &[],
         (Some(Overlay::Form(form)), _) if form.is_one_key() || form.void.is_some() => &[A::Back],
+        (Some(Overlay::Form(form)), _) if form.types() => &[A::NextPane, A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
         (Some(Overlay::Why(_) | Overlay::Film(_)), _) => &[A::Back],
         (None, View::Overview) => &[
@@ -262,6 +263,33 @@ pub fn actions(model: &Model) -> Vec<Action> {
     all.filter(|action| possible.is_offered(*action)).collect()
 }
 
+/// The same inside a prompt: a key that something stands against is no hint.
+fn in_prompt(model: &Model, prompt: &Prompt) -> Vec<Action> {
+    use crate::action::Action as A;
+    let more = prompt.has_more().then_some(A::PageDown);
+    let all = if prompt.signing.is_some() {
+        // What is typed there is a passphrase, and its own keys stand beside it.
+        return Vec::new();
+    } else if prompt.closed {
+        vec![more, Some(A::Back)]
+    } else if prompt.focus != Focus::Hold {
+        vec![Some(A::NextPane), more, Some(A::Back)]
+    } else if prompt.stale.is_some() {
+        vec![Some(A::Reread), more, Some(A::Back)]
+    } else {
+        // That a console is read-only is said beside the key; the key that rejects leads to the reason.
+        let counts = |answer, but: &[Obstacle]| {
+            let who = model.seat.operator.as_ref();
+            let blocks = prompt.blocks(answer, who, model.settings.read_only, model.now_ms);
+            blocks.iter().all(|block| *block == Obstacle::ReadOnly || but.contains(block))
+        };
+        let approve = counts(Answer::Approve, &[]).then_some(A::Approve);
+        let reject = counts(Answer::Reject, &[Obstacle::Reason]).then_some(A::Reject);
+        vec![approve, reject, Some(A::NextPane), more, Some(A::Back)]
+    };
+    all.into_iter().flatten().collect()
+}
+
 fn keys(model: &Model, actions: &[Action], width: usize) -> Row {
     // Help and the way out stand in every hint line.
     let last: Vec<Action> =
@@ -300,7 +328,8 @@ fn label(model: &Model, action: Action) -> String {
         (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
         (Action::Open, Some(_), _) => "presses the button",
         (Action::Open, None, View::Candidate) => "why",
-        (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.closed => "close",
+        (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.focus != Focus::Hold => "leave the field",
+        (Action::Back, Some(Overlay::Prompt(prompt)), _) if prompt.closed || prompt.seen.granted => "close",
         (Action::Back, Some(Overlay::Prompt(_)), _) => "decide later",
         (Action::Back, Some(_), _) => "close",
         (Action::NextPane, None, View::Health) => "next quantity",

@@ -75,6 +75,39 @@ fn hints_follow_how_things_stand() {
     assert_eq!(possible.why_not(Action::Go).as_deref(), Some("the cell is not stopped"));
 }
 
+/// A letter that is text, and a key that something stands against, is no hint.
+#[test]
+fn hints_inside_a_question_follow_what_is_read_and_typed() {
+    use Action as A;
+    let offered = |console: &TestConsole| hints::actions(&console.model);
+    let mut console = TestConsole::new(2);
+    console.keys("a");
+    console.press(KeyCode::Enter);
+    console.now_ms += GUARD_MS;
+    console.tell(MsgKind::Tick);
+    assert_eq!(offered(&console), [A::Reject, A::NextPane, A::PageDown, A::Back], "it is not read yet");
+    console.draw((120, 80));
+    assert_eq!(offered(&console), [A::Reject, A::NextPane, A::Back], "short id and reason are missing");
+    console.press(KeyCode::Tab);
+    assert_eq!(offered(&console), [A::NextPane, A::Back], "a letter is text here");
+    assert!(screen(&console, 120, 36).contains("leave the field"));
+    console.keys("aaaa");
+    console.press(KeyCode::Tab);
+    console.keys("looks right");
+    console.press(KeyCode::Tab);
+    assert_eq!(offered(&console), [A::Approve, A::Reject, A::NextPane, A::Back]);
+    console.sit_with("ana", Protection::Passphrase);
+    console.keys("Y");
+    assert!(offered(&console).is_empty(), "a passphrase is typed");
+    // The same in a form.
+    let mut console = TestConsole::new(0);
+    console.keys(":goal grasp");
+    console.press(KeyCode::Enter);
+    assert_eq!(offered(&console), [A::NextPane, A::Back]);
+    console.press(KeyCode::Tab);
+    assert_eq!(offered(&console), [A::NextPane, A::Open, A::Back]);
+}
+
 fn typed(console: &TestConsole) -> String {
     match &console.model.entry.typing {
         Some(Typing::Command(line)) => line.text().to_owned(),
