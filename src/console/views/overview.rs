@@ -16,7 +16,6 @@ use super::{families, pipeline, robot, story, tabs};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
 use crate::rows::{CandidateItem, WaitingItem};
-use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
 use crate::words::{approvals, duration};
@@ -91,10 +90,9 @@ fn work(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let inside = pen.pane(top, "Active", false, "");
     pen.rows(inside, 0, &active);
     let focused = model.place.pane() == PIPELINE;
-    let count = model.pipeline_rows().len();
     let cursor = if focused { model.row() } else { 0 };
     pen.hit(area, Hit::Pane(PIPELINE));
-    let inside = pen.pane(bottom, "Pipeline", focused, &place(count, cursor));
+    let inside = pen.pane(bottom, "Pipeline", focused, &pipeline::extent(model, cursor, bottom.width));
     pipeline::draw(model, pen, inside, focused);
 }
 

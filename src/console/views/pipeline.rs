@@ -9,13 +9,14 @@
 //! ```
 
 use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
 
 use crate::action::Action;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{Headway, Model};
 use crate::theme::Mark;
 use crate::widgets::bar::progress;
-use crate::widgets::list::GUTTER;
+use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Hit, Pen, below};
 use crate::widgets::row::{Row, wrap};
 use crate::words::{MONITOR_PLACE, STAGES, duration, stage_place, stages_done, waits_for};
@@ -70,14 +71,35 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
         let inner =
             Rect { x: area.x + GUTTER.min(area.width), width: area.width.saturating_sub(GUTTER), ..area };
         let taken = pen.rows(inner, at, &block);
-        let place = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
-        pen.hit(place, Hit::Row { pane: Some(0), row: index });
+        let taken_by = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
+        pen.hit(taken_by, Hit::Row { pane: Some(0), row: index });
         if focused && index == cursor {
             pen.row(area, at, &Row::of(ThemeRole::Text, pen.look.glyph(Glyph::Here)));
             pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);
         }
         at = at.saturating_add(taken);
     }
+}
+
+/// Where the cursor is, in the heading of a pane so wide; what is filtered must not look like all there is.
+#[must_use]
+pub fn extent(model: &Model, cursor: usize, width: u16) -> String {
+    let count = model.pipeline_rows().len();
+    let filter = model.filter();
+    if filter.is_empty() {
+        return place(count, cursor);
+    }
+    let all = model.told.snapshot.as_ref().map_or(0, |now| now.candidates.len());
+    let here = if count == 0 { "none".to_owned() } else { place(count, cursor) };
+    let word = |width| super::short(filter, width);
+    let said = [
+        format!("{here} with {:?}, {all} in all", word(24)),
+        format!("{here} with {:?}", word(24)),
+        format!("{here} with {:?}", word(6)),
+    ];
+    let room = usize::from(width).saturating_sub(" Pipeline    ".len() + 1);
+    let fits = said.iter().position(|text| text.width() <= room);
+    said.into_iter().nth(fits.unwrap_or(2)).unwrap_or_default()
 }
 
 /// What to do if there is nothing yet.

@@ -150,9 +150,17 @@ fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
 fn view(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let view = model.place.view;
     let pane = view.panes().get(model.place.pane()).copied().unwrap_or("");
-    let place = place(model.row_count(), model.row());
-    let title =
-        if view.panes().len() > 1 { format!("{}: {pane}", view.title()) } else { view.title().into() };
+    let place = match (view, model.place.pane()) {
+        (View::Overview, overview::ROBOT | overview::STORY) => place(model.row_count(), model.row()),
+        (View::Overview, _) => super::pipeline::extent(model, model.row(), area.width),
+        _ => place(model.row_count(), model.row()),
+    };
+    let title = match view {
+        // The sign of a filter needs the room.
+        View::Overview if !model.filter().is_empty() => pane.to_owned(),
+        _ if view.panes().len() > 1 => format!("{}: {pane}", view.title()),
+        _ => view.title().to_owned(),
+    };
     let inside = pen.pane(area, &title, true, &place);
     match (view, model.place.pane()) {
         (View::Overview, overview::ROBOT) => return super::robot::draw(model, pen, inside),

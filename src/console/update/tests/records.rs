@@ -92,10 +92,16 @@ fn the_story_has_a_filter_of_its_own() {
     console.model.place.panes[View::Overview as usize] = 0;
     console.keys("/nothing of this name");
     console.press(KeyCode::Enter);
-    assert!(
-        screen(&console, 120, 36).contains("a wheel came off"),
-        "the pipeline's filter is not the story's"
-    );
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("a wheel came off"), "the pipeline's filter is not the story's");
+    assert!(text.contains("none with \"nothing of this name\", 1 in all"), "{text}");
+    console.press(KeyCode::Esc);
+    console.keys("/grasp");
+    console.press(KeyCode::Enter);
+    for (columns, rows) in [(120, 36), (80, 24), (60, 16), (40, 12)] {
+        let text = screen(&console, columns, rows);
+        assert!(text.contains("1 of 1 with \"grasp\""), "{columns}x{rows}: {text}");
+    }
 }
 
 #[test]
