@@ -4,7 +4,7 @@ use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::seat::SeatView;
-use holdpoint_protocol::snapshot::{CandidateView, PromptView, Snapshot};
+use holdpoint_protocol::snapshot::{CandidateView, ProgressView, PromptView, Snapshot};
 use holdpoint_protocol::words::clock_time;
 use holdpoint_text::Untrusted;
 
@@ -108,28 +108,45 @@ pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
     let compares = !matches!(candidate.state, State::Registered | State::Shadowed);
     // A stage that has just begun has no count yet.
     let works = |other: &&CandidateView| {
-        other.progress.is_some() || (other.flags.running.is_some() && !other.flags.paused)
+        under_way(other).is_some() || (other.flags.running.is_some() && !other.flags.paused)
     };
     let at_work = now.candidates.iter().filter(|other| other.version != candidate.version).find(works);
-    Some(if now.holding.is_some() {
-        "waits: the engine holds".to_owned()
-    } else if now.stopped.is_some() {
-        "waits: the cell is stopped".to_owned()
+    Some(if let Some(why) = stands_still(now) {
+        format!("waits: {why}")
     } else if candidate.held {
         "held back: nothing goes on before it is let go on".to_owned()
     } else if compares && family.is_some_and(|family| family.active.is_none()) {
         format!("waits until {} has an active version to compare it with", candidate.version.family)
+    } else if candidate.state == State::Demoted {
+        "waits until somebody has it evaluated again".to_owned()
     } else if let Some(review) = family.and_then(|family| family.review.as_ref()) {
         format!("waits for the review of {}", review.version)
     } else if let Some(other) = at_work {
         let stage = other.progress.as_ref().map(|progress| progress.stage).or(other.flags.running);
-        let stage = stage.map_or("its stage", Stage::name);
+        // Fresh evidence about a version that works already is worked as the sandbox is.
+        let confirms = other.state == State::Active;
+        let stage = if confirms { "confirmation" } else { stage.map_or("its stage", Stage::name) };
         format!("waits for {}, in {stage}: one is worked at a time", other.version)
-    } else if candidate.state == State::Demoted && flags.running.is_none() {
-        "waits until somebody has it evaluated again".to_owned()
     } else {
         return None;
     })
+}
+
+/// Why nothing at all goes on; absent while something may.
+#[must_use]
+pub fn stands_still(now: &Snapshot) -> Option<&'static str> {
+    if now.holding.is_some() {
+        Some("the engine holds")
+    } else {
+        now.stopped.is_some().then_some("the cell is stopped")
+    }
+}
+
+/// How far a version's stage is; absent where it has left the pipeline, whatever was told of it last.
+#[must_use]
+pub const fn under_way(candidate: &CandidateView) -> Option<&ProgressView> {
+    let rests = matches!(candidate.state, State::Demoted) && candidate.flags.running.is_none();
+    if candidate.state.is_terminal() || rests { None } else { candidate.progress.as_ref() }
 }
 
 /// When what enough people have approved takes over.

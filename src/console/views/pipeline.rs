@@ -19,10 +19,12 @@ use crate::widgets::bar::progress;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Hit, Pen, below};
 use crate::widgets::row::{Row, wrap};
-use crate::words::{MONITOR_PLACE, STAGES, duration, stage_place, stages_done, waits_for};
+use crate::words::{
+    MONITOR_PLACE, STAGES, approvals, duration, stage_place, stages_done, stands_still, under_way, waits_for,
+};
 use holdpoint_governance::decision::telling;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
+use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot};
 
 /// Rows for what would end a stage early.
 const EARLY_ROWS_MAX: usize = 3;
@@ -39,13 +41,14 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let look = pen.look;
     let block = |index: usize, candidate: &CandidateView| {
         let headway = model.told.headway.get(&candidate.version);
-        let mut rows = rows(candidate, headway, model.engine_ms(), look, width, index == cursor);
+        let now = model.told.snapshot.as_deref();
+        let mut rows = rows(candidate, now, headway, model.engine_ms(), look, width, index == cursor);
         if model.place.marked_versions.contains(&candidate.version)
             && let Some(head) = rows.first_mut()
         {
             *head = super::registry::lead(true, true, look).and(head.clone());
         }
-        if let Some(text) = model.told.snapshot.as_deref().and_then(|now| waits_for(now, candidate)) {
+        if let Some(text) = now.and_then(|now| waits_for(now, candidate)) {
             // Below name and stages, before what was decided earlier.
             rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
         }
@@ -129,6 +132,7 @@ fn nothing(model: &Model, pen: &mut Pen<'_>, area: Rect) {
 /// One candidate's lines; all of them if it is the chosen one.
 fn rows(
     candidate: &CandidateView,
+    now: Option<&Snapshot>,
     headway: Option<&Headway>,
     now_ms: u64,
     look: &Look,
@@ -151,17 +155,29 @@ fn rows(
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));
     }
-    if let Some(progress) = &candidate.progress {
+    let question = now.and_then(|now| now.prompts.iter().find(|asked| asked.version == candidate.version));
+    let still = now.and_then(stands_still);
+    let muted = |text: &str| Row::of(ThemeRole::Muted, &super::short(text, width));
+    if let Some(question) = question.filter(|_| candidate.flags.awaiting_approval) {
+        let (count, next) = approvals(question, now.is_some_and(|now| now.stopped.is_some()), now_ms);
+        rows.push(Row::of(ThemeRole::Waiting, &super::short(&format!("{count} approved, {next}"), width)));
+    } else if let (Some(progress), Some(why)) = (under_way(candidate), still) {
+        // Time passes all the same: it says nothing of when this ends.
+        let (done, all) = (progress.done, progress.budget);
+        rows.push(muted(&format!("stands still at {done} of {all} {}: {why}", progress.what)));
+    } else if let Some(progress) = under_way(candidate) {
         rows.extend(running(progress, headway, now_ms, look, width, chosen));
     } else if let Some(stage) = candidate.flags.running.filter(|_| !candidate.flags.paused) {
-        rows.push(Row::of(
-            ThemeRole::Muted,
-            &format!("{} begins; nothing of it is worked yet", stage.name()),
-        ));
+        let name = stage.name();
+        rows.push(match still {
+            _ if candidate.flags.awaiting_approval => muted("people are asked"),
+            Some(why) => muted(&format!("{name} stands still: {why}")),
+            None => muted(&format!("{name} begins; nothing of it is worked yet")),
+        });
     } else if let Some(reason) =
         telling(&candidate.reasons).filter(|_| chosen || candidate.state == State::Rejected)
     {
-        rows.push(Row::of(ThemeRole::Muted, &super::short(&reason.to_string(), width)));
+        rows.push(muted(&reason.to_string()));
     }
     rows
 }
@@ -331,14 +347,18 @@ mod tests {
         };
         let theme = crate::look::Theme::builtin("mono").unwrap();
         let look = Look::new(theme, crate::look::Depth::Mono, crate::look::Glyphs::Ascii);
-        let rows = rows(&rejected, None, 0, &look, 120, false);
+        // Whatever it was at when it was rejected, nothing of it goes on.
+        let (what, early) = ("paired episodes".to_owned(), String::new());
+        let progress = ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, since_ms: 0, early };
+        let rejected = CandidateView { progress: Some(progress), ..rejected };
+        let rows = rows(&rejected, None, None, 9_000, &look, 120, false);
         let text = |row: &Row| row.parts().map(|(text, _)| text).collect::<String>();
         let said: Vec<String> = rows.iter().map(text).collect();
         assert!(
             said.iter().any(|row| row.contains("worse in the pairs worked so far [0.375 against 0.050]")),
             "{said:?}"
         );
-        assert!(said.iter().all(|row| !row.contains("ended after")), "{said:?}");
+        assert!(said.iter().all(|row| !row.contains("ended after") && !row.contains("9 s")), "{said:?}");
     }
 
     #[test]

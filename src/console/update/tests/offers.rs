@@ -202,11 +202,35 @@ fn at_work(version: &str) -> CandidateView {
 #[test]
 fn a_queued_candidate_says_what_it_waits_for() {
     type Change = fn(&mut Snapshot);
-    let cases: [(Change, &str); 6] = [
+    let cases: [(Change, &str); 9] = [
         (|now| now.candidates.push(at_work("align@2.0.0")), "waits for align@2.0.0, in sandbox"),
         (
             |now| now.candidates.push(CandidateView { progress: None, ..at_work("align@2.0.0") }),
             "waits for align@2.0.0, in sandbox",
+        ),
+        (
+            |now| {
+                now.candidates.push(CandidateView {
+                    state: State::Active,
+                    flags: Flags { provisional: true, ..Flags::default() },
+                    ..at_work("align@2.0.0")
+                });
+            },
+            "waits for align@2.0.0, in confirmation",
+        ),
+        (
+            |now| {
+                now.candidates[0].state = State::Demoted;
+                now.candidates.push(at_work("align@2.0.0"));
+            },
+            "waits until somebody has it evaluated again",
+        ),
+        (
+            |now| {
+                now.candidates.push(at_work("align@2.0.0"));
+                now.holding = Some("the disk is full".to_owned());
+            },
+            "stands still at 3 of 9 paired episodes: the engine holds",
         ),
         (|now| now.candidates[0].held = true, "held back"),
         (|now| now.holding = Some("the disk is full".to_owned()), "waits: the engine holds"),
@@ -226,6 +250,19 @@ fn a_queued_candidate_says_what_it_waits_for() {
     let mut console = TestConsole::new(0);
     with(&mut console, |now| now.candidates = vec![at_work("align@2.0.0")]);
     assert!(!screen(&console, 120, 36).contains("waits"), "what is worked waits for nothing");
+    // What was rejected while it was worked keeps nobody waiting, and has no bar any more.
+    let rejected = || CandidateView { state: State::Rejected, flags: Flags::default(), ..at_work("align@2.0.0") };
+    with(&mut console, |now| {
+        now.candidates[0].state = State::Validated;
+        now.candidates[0].flags = Flags::default();
+        now.candidates.push(rejected());
+    });
+    let text = screen(&console, 120, 36);
+    assert!(!text.contains("waits for align") && !text.contains("3 of 9"), "{text}");
+    // Whoever waits for people is not at the beginning of a stage.
+    with(&mut console, |now| now.candidates[0].flags.running = Some(Stage::Activation));
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("0 of 2 approved, held in 9 min 0 s") && !text.contains("begins"), "{text}");
 }
 
 #[test]
