@@ -7,6 +7,7 @@ mod asking;
 mod clicking;
 mod engine;
 mod finding;
+mod halted;
 mod health;
 mod marking;
 mod moving;
@@ -274,7 +275,7 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::FindNext => finding::next(model),
         Action::Mark => marking::mark(model),
         Action::Stop => asking::stop(model),
-        Action::Go => operating::go(model),
+        Action::Go => halted::go(model),
         Action::Abort
         | Action::Pause
         | Action::Resume

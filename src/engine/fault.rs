@@ -7,7 +7,7 @@ use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
 use holdpoint_sim::SimError;
 
-use holdpoint_text::Hint;
+use holdpoint_text::{Hint, Problem};
 
 use crate::ledger::LedgerError;
 
@@ -34,6 +34,19 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// Why the engine holds for it, and what helps from then on: nothing is written any more before it begins anew.
+    #[must_use]
+    pub fn held(&self) -> String {
+        match self {
+            Self::Store(StoreError::DiskFull { .. })
+            | Self::Ledger(LedgerError::Store(StoreError::DiskFull { .. })) => {
+                let hint = "free some space, then end the engine and start it again";
+                Problem::new(self.to_string()).with_hint(hint).sentence()
+            }
+            _ => self.sentence(),
+        }
+    }
+
     /// Why a command is refused that was itself at fault, so that nothing has changed; absent for a fault of the
     /// engine's own, after which it holds.
     #[must_use]
@@ -75,6 +88,8 @@ mod tests {
         let approval = StoreError::Approval { nonce: "7".to_owned(), problem: "used".to_owned() };
         assert_eq!(Fault::Store(approval).refusal(), Some(Refusal::NotAllowed));
         assert_eq!(Fault::Store(StoreError::DiskFull { what: "write" }).refusal(), Some(Refusal::Store));
+        let held = Fault::Store(StoreError::DiskFull { what: "write" }).held();
+        assert!(held.ends_with("Hint: free some space, then end the engine and start it again"), "{held}");
         assert_eq!(Fault::Store(StoreError::Unknown).refusal(), None, "nobody knows what is written: hold");
     }
 }

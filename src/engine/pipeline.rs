@@ -59,7 +59,6 @@ use crate::trial::cache::EpisodeCache;
 use crate::view::snapshot::SnapshotView;
 use crate::world::LiveWorld;
 use crate::world::switch::{Controls, Switch};
-use holdpoint_text::Hint;
 
 /// What a pipeline is made with.
 pub struct PipelineSettings {
@@ -173,7 +172,7 @@ impl Pipeline {
         pipeline.take_in_halt();
         pipeline.announce(voided);
         if let Err(fault) = pipeline.bound_agent().check() {
-            pipeline.hold(&fault.sentence());
+            pipeline.hold(&fault.held());
             return Ok(pipeline);
         }
         for baseline in baselines {
@@ -235,7 +234,7 @@ impl Pipeline {
             // Interrupted on purpose: the stage stays marked as running and is run again at the next start.
             Err(_) if self.trials.is_cancelled() => Progress::Idle { next_ms: None },
             Err(fault) => {
-                self.hold(&fault.sentence());
+                self.hold(&fault.held());
                 Progress::Idle { next_ms: None }
             }
         }
@@ -586,7 +585,7 @@ impl Pipeline {
         if self.record.holding().is_none()
             && let Err(fault) = resume::end(&self.context, &mut self.record, &mut self.resumptions)
         {
-            self.hold(&fault.sentence());
+            self.hold(&fault.held());
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{asking, operating, overlays, tell, why};
+use super::{asking, halted, operating, overlays, tell, why};
 use crate::effect::{Effect, Question};
 use crate::model::{AskedFor, EngineLink, EngineState, Headway, LOG_MAX, Model, Overlay, StoryLine, View};
 use holdpoint_engine::host::EndFault;
@@ -117,7 +117,7 @@ pub(super) fn events(model: &mut Model, events: Vec<Event>) -> Vec<Effect> {
             continue;
         }
         if let EventKind::CellStopped { by, .. } = &event.kind {
-            operating::stopped_again(model, by, event.at_ms);
+            halted::stopped_again(model, by, event.at_ms);
         }
         if let (
             EventKind::ApprovalReceived { version, by, decision, have, needed, .. },

@@ -1,17 +1,17 @@
 //! What an operator does to versions and alarms: which form opens, and why not.
 
-use super::{asking, marking, overlays, refuse, seating, tell};
+use super::{asking, halted, marking, overlays, refuse, seating, tell};
 use crate::action::Action;
 use crate::effect::{Effect, Question};
 use crate::form::{Abort, Confirmed, Form, Intent, NOBODY};
 use crate::line::EditLine;
 use crate::model::{AskedFor, EngineLink, EngineState, Model, Overlay};
 use crate::prompt::Prompt;
-use crate::words::{seconds, standing};
+use crate::words::standing;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::snapshot::{AlarmView, StoppedView};
+use holdpoint_protocol::snapshot::AlarmView;
 use holdpoint_text::Hint as _;
 
 /// Hands confirmed operations to the engine, each by itself: what was marked for one loses its mark as it is asked for.
@@ -67,47 +67,6 @@ pub(super) fn on_version(model: &mut Model, action: Action) -> Vec<Effect> {
     }
 }
 
-/// Opens the form that lets a stopped cell work again.
-pub(super) fn go(model: &mut Model) -> Vec<Effect> {
-    let stopped = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.clone());
-    match stopped {
-        Some(stopped) => {
-            let (since_ms, stops) = (stopped.since_ms, stopped.stops);
-            let intent = Intent::Go { since_ms, stops, last_ms: stopped.last_ms() };
-            let lines = go_lines(model, &stopped);
-            open(model, intent, lines)
-        }
-        None => refuse(model, "the cell is not stopped"),
-    }
-}
-
-/// What letting the cell work does: who stopped it, and what takes control with it.
-fn go_lines(model: &Model, stopped: &StoppedView) -> Vec<String> {
-    let mut lines = stop_lines(stopped);
-    let prompts = model.told.snapshot.iter().flat_map(|now| &now.prompts);
-    let granted = prompts.filter(|prompt| prompt.granted);
-    lines.extend(granted.map(|prompt| format!("{} is approved and takes control at once", prompt.version)));
-    lines
-}
-
-/// Everybody who stopped the cell, and that the arm moves.
-fn stop_lines(stopped: &StoppedView) -> Vec<String> {
-    let somebody = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
-    let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
-    let (by, since) = (somebody(&stopped.by), seconds(stopped.since_ms));
-    let mut lines =
-        vec![format!("Stopped by {by}, {}, since {since}{}", stopped.caller, why(&stopped.reason))];
-    if stopped.unnamed > 0 {
-        lines.push(format!("and {} more times, by whom the record says", stopped.unnamed));
-    }
-    lines.extend(stopped.again.iter().map(|stop| {
-        let (by, at) = (somebody(&stop.by), seconds(stop.at_ms));
-        format!("and by {by}, {}, at {at}{}", stop.caller, why(&stop.reason))
-    }));
-    lines.push("The arm moves again at once; make sure that nobody is in the cell".to_owned());
-    lines
-}
-
 /// Holds the open form against how things stand: what it says follows them. What is no more possible, or would now be
 /// something else, makes it void with a word: it stays open, for what is being typed must not become keys.
 pub(super) fn follow(model: &mut Model) {
@@ -127,7 +86,7 @@ pub(super) fn follow(model: &mut Model) {
 }
 
 /// The open form is for nothing any more.
-fn make_void(model: &mut Model, why: String) {
+pub(super) fn make_void(model: &mut Model, why: String) {
     let now_ms = model.now_ms;
     let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return };
     let text = format!("not asked: {}: {why}", form.intent.title());
@@ -150,7 +109,7 @@ pub(super) fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String>
         Intent::Rearm(id) => (Action::Rearm, id),
         Intent::Several(each) => return marking::lines(model, each),
         Intent::Abort(what) => return abort_lines(model, what),
-        Intent::Go { since_ms, stops, .. } => return still_stopped(model, (*since_ms, *stops)),
+        Intent::Go { since_ms, stops, .. } => return halted::still_stopped(model, (*since_ms, *stops)),
         Intent::Goal(_) => return Ok(goal_lines(model)),
         Intent::Note => return Ok(note_lines()),
         Intent::Profile(id, profile, close) => return Ok(profile_lines(model, id, *profile, *close)),
@@ -175,44 +134,6 @@ pub(super) fn register(model: &mut Model, folder: Option<String>) -> Vec<Effect>
 
 fn register_lines() -> Vec<String> {
     vec!["It is taken in and evaluated beside what is active; nothing of it acts before its gate".to_owned()]
-}
-
-fn still_stopped(model: &Model, read: (u64, u64)) -> Result<Vec<String>, String> {
-    match model.told.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
-        None => Err("somebody has let it work already".to_owned()),
-        Some(stopped) if (stopped.since_ms, stopped.stops) != read => {
-            let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
-            Err(stopped_anew(by, stopped.last_ms()))
-        }
-        Some(stopped) => Ok(go_lines(model, stopped)),
-    }
-}
-
-/// Somebody stopped the cell while it was stopped already: whoever is about to let it work has to know.
-pub(super) fn stopped_again(model: &mut Model, by: &str, at_ms: u64) {
-    let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
-    // One from before the last that was read is told late.
-    if !matches!(form.intent, Intent::Go { last_ms, .. } if at_ms > last_ms) {
-        return;
-    }
-    let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
-    if is_asked {
-        tell(
-            model,
-            format!(
-                "{}; what you asked knows nothing of it and will be refused if it comes later",
-                stopped_anew(by, at_ms)
-            ),
-            true,
-        );
-    } else if form.void.is_none() {
-        make_void(model, stopped_anew(by, at_ms));
-    }
-}
-
-fn stopped_anew(by: &str, at_ms: u64) -> String {
-    let by = if by.is_empty() { "somebody" } else { by };
-    format!("{by} has stopped it anew at {}: read why first", seconds(at_ms))
 }
 
 fn alarm_now<'a>(model: &'a Model, name: &str) -> Result<&'a AlarmView, String> {

@@ -2,7 +2,7 @@
 //!
 //! Asks the same rules that answer the key itself. Must change nothing.
 
-use super::{ZOOM_MAX, brakes, marking, means_something, moving, operating, works_without_engine};
+use super::{ZOOM_MAX, brakes, halted, marking, means_something, moving, operating, works_without_engine};
 use crate::action::Action;
 use crate::model::{Model, View};
 use holdpoint_governance::ids::CapabilityId;
@@ -51,10 +51,7 @@ impl<'a> Possible<'a> {
             | A::Rearm => version().and_then(|id| operating::intent(model, action, id).map(drop)),
             A::BreakGlass => version().and_then(|id| self.emergency(id)),
             A::Abort => operating::abort(model).map(drop).ok_or_else(|| "nothing is under way".to_owned()),
-            A::Go => {
-                let stopped = model.told.snapshot.as_ref().is_some_and(|now| now.stopped.is_some());
-                if stopped { Ok(()) } else { Err("the cell is not stopped".to_owned()) }
-            }
+            A::Go => halted::may_go(model).map(drop),
             A::Acknowledge | A::Shelve | A::Unshelve | A::ResetAlarm => {
                 let rows = model.alarm_rows();
                 let alarm = rows.get(model.row()).map(|item| item.alarm());

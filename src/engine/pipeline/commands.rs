@@ -23,14 +23,13 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::Purpose;
-use holdpoint_text::{Hint, Untrusted};
+use holdpoint_text::Untrusted;
 
 fn refuse_held(why: &str) -> Reply {
-    Reply::Refused {
-        code: Refusal::Holding,
-        text: format!("the engine is holding: {why}"),
-        hint: Some("end the engine, look at `holdpoint audit verify`, and start it again".to_owned()),
-    }
+    // What says itself what helps is not contradicted.
+    let hint = (!why.contains("Hint: "))
+        .then(|| "end the engine, look at `holdpoint audit verify`, and start it again".to_owned());
+    Reply::Refused { code: Refusal::Holding, text: format!("the engine is holding: {why}"), hint }
 }
 
 /// What a command is called on the wire.
@@ -87,7 +86,7 @@ impl Pipeline {
             let body = body.to_string();
             // What was done is done, and not said to be refused; who cannot write down who asked does nothing more.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
-                self.hold(&format!("who asked for {asked} could not be put on record: {}", error.sentence()));
+                self.hold(&format!("who asked for {asked} could not be put on record: {}", Fault::from(error).held()));
             }
         }
         reply
@@ -109,8 +108,8 @@ impl Pipeline {
             Err(fault) => match fault.refusal() {
                 Some(code) => Reply::refused(code, &fault),
                 None => {
-                    self.hold(&fault.sentence());
-                    refuse_held(&fault.sentence())
+                    self.hold(&fault.held());
+                    refuse_held(&fault.held())
                 }
             },
         }
@@ -225,8 +224,8 @@ impl Pipeline {
             Err(fault) => match fault.refusal() {
                 Some(code) => Reply::refused(code, &fault),
                 None => {
-                    self.hold(&fault.sentence());
-                    refuse_held(&fault.sentence())
+                    self.hold(&fault.held());
+                    refuse_held(&fault.held())
                 }
             },
         }

@@ -18,7 +18,6 @@ use crate::operations::asks_for_last;
 use crate::people::approvals::PendingQuestion;
 use crate::stages::{confirmation, resume};
 use crate::world::sequence::{Shadowed, Worked};
-use holdpoint_text::Hint;
 
 /// When a command may be carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,7 +108,7 @@ impl Pipeline {
         if let Some(finished) = finished
             && let Err(fault) = finished.and_then(|worked| self.finish_sequence(worked))
         {
-            self.hold(&fault.sentence());
+            self.hold(&fault.held());
         }
         !self.world.is_running()
     }

@@ -5,7 +5,6 @@ use crate::fault::Fault;
 use crate::halt;
 use crate::world::switch::AskedStop;
 use holdpoint_protocol::command::Reply;
-use holdpoint_text::Hint;
 
 impl Pipeline {
     /// Puts a stop on record that was asked for on another thread, and tells when the arm stands.
@@ -13,7 +12,7 @@ impl Pipeline {
         if let Err(error) = halt::take_in(&mut self.record, &mut self.world)
             && self.record.holding().is_none()
         {
-            self.hold(&error.sentence());
+            self.hold(&Fault::from(error).held());
         }
         halt::look(&mut self.record, &mut self.world);
     }

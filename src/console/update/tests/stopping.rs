@@ -82,6 +82,24 @@ fn a_goal_takes_a_reason() {
     assert_eq!(confirmed.as_ref().clone().into_command(), asked);
 }
 
+/// An engine that holds refuses it: the key was offered, and a reason typed for nothing.
+#[test]
+fn what_holds_is_not_let_work_by_a_key() {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
+    console.tell(MsgKind::Snapshot(Arc::new(now.clone())));
+    let offered = |console: &TestConsole| crate::views::hints::actions(&console.model).contains(&Action::Go);
+    assert!(offered(&console));
+    now.holding = Some("the disk is full. Hint: free some space".to_owned());
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert!(!offered(&console));
+    console.keys("W");
+    assert!(console.model.entry.overlay.is_none());
+    let said = &console.model.notice.as_ref().unwrap().text;
+    assert!(said.contains("the engine holds") && said.contains("free some space"), "{said}");
+}
+
 /// Whoever let it work again, and from wherever: no line of this screen goes on saying that it is stopped.
 #[test]
 fn a_go_from_elsewhere_leaves_no_stale_line() {
