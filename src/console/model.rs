@@ -200,6 +200,10 @@ impl Model {
     #[must_use]
     pub fn engine_ms(&self) -> u64 {
         let at_ms = self.told.snapshot.as_ref().map_or(0, |snapshot| snapshot.at_ms);
+        if self.absence().is_some() {
+            // It ended with the engine, and so did every deadline.
+            return at_ms;
+        }
         at_ms.saturating_add(self.now_ms.saturating_sub(self.told.snapshot_ms))
     }
 

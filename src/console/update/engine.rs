@@ -36,6 +36,7 @@ pub(super) fn ended(model: &mut Model, how: Result<(), EndFault>) -> Vec<Effect>
     }
     model.told.seat = None;
     model.told.engine = EngineState::Ended(how);
+    operating::void_all(model, "the engine is gone");
     Vec::new()
 }
 

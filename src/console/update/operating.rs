@@ -85,6 +85,15 @@ pub(super) fn follow(model: &mut Model) {
     }
 }
 
+/// Whatever form is open is for nothing any more; what was handed over already is answered, or said to be unanswered.
+pub(super) fn void_all(model: &mut Model, why: &str) {
+    let Some(Overlay::Form(form)) = &mut model.entry.overlay else { return };
+    let is_asked = form.signing.as_ref().is_some_and(|signing| signing.asked.is_some());
+    if form.void.is_none() && !is_asked {
+        form.make_void(why.to_owned(), model.now_ms);
+    }
+}
+
 /// The open form is for nothing any more.
 pub(super) fn make_void(model: &mut Model, why: String) {
     let now_ms = model.now_ms;

@@ -80,6 +80,10 @@ impl<'a> Possible<'a> {
     pub fn is_offered(&self, action: Action) -> bool {
         use crate::action::Action as A;
         let model = self.model;
+        // What stops may still be asked of whichever engine is at work: what is on the screen is of one that is gone.
+        if model.absence().is_some() && (action.changes_something() || action == A::Verify) {
+            return false;
+        }
         let useful = match action {
             A::Open => match model.place.view {
                 View::Overview => self.here.is_some(),

@@ -7,7 +7,7 @@
 use ratatui::layout::Rect;
 
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{EngineState, Model};
+use crate::model::{EngineLink, EngineState, Model};
 use crate::theme::Mark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -23,7 +23,7 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let mut row = profile(model, pen).and(doubts(model, pen, width));
     let identity = identity(model);
     // Without an engine there is no time of its own.
-    let clock = match model.bare_absence() {
+    let clock = match model.absence() {
         Some(_) => Row::new(),
         None => Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms()))),
     };
@@ -83,7 +83,13 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
             say(ThemeRole::Stale, &format!("ENGINE ENDED{}: {why}", seeking(model)));
         }
         EngineState::Ended(Err(why)) => {
-            say(ThemeRole::Problem, &format!("ENGINE GONE{}: {why}", seeking(model)));
+            // Of one in another process there is no more to say: when it was heard last says how old all of this is.
+            let last = model.told.snapshot.as_ref().filter(|_| model.told.link == EngineLink::Attached);
+            let rest = match last {
+                Some(last) => format!(", last heard {}", seconds(last.at_ms)),
+                None => format!(": {why}"),
+            };
+            say(ThemeRole::Problem, &format!("ENGINE GONE{}{rest}", seeking(model)));
         }
     }
     if let Some(reading) = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.reading) {
@@ -113,7 +119,7 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
 /// The machine's time and the pace of the live cell, in words that get shorter; nothing where the engine says no time.
 fn clocks(model: &Model) -> Vec<Row> {
     let (Some(wall_ms), Some(snapshot)) = (model.wall_ms(), &model.told.snapshot) else { return Vec::new() };
-    if model.bare_absence().is_some() {
+    if model.absence().is_some() {
         return Vec::new();
     }
     let pace = snapshot.live.pace.map_or_else(|| "max".to_owned(), |times| format!("{times}x"));

@@ -345,6 +345,7 @@ fn label(model: &Model, action: Action) -> String {
         (Action::Open, None, View::Audit) => "raw record",
         (Action::Pause, _, _) => "hold",
         (Action::Resume, _, _) => "let go on",
+        (Action::Quit, None, _) if model.absence().is_some() => "quit",
         (Action::Quit, None, View::Overview) if !model.told.ends_with_this() => "leave it on",
         (Action::Quit, None, View::Overview) if model.told.link == EngineLink::Attached => "end engine",
         (Action::Quit, None, View::Overview) => "quit",

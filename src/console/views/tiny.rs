@@ -79,7 +79,7 @@ fn foot(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         .with(ThemeRole::Text, " quits  ")
         .with(ThemeRole::Key, &key(Action::Help))
         .with(ThemeRole::Text, " keys  ");
-    let row = if model.bare_absence().is_some() {
+    let row = if model.absence().is_some() {
         row
     } else {
         row.with(ThemeRole::Key, &key(Action::Abort)).with(ThemeRole::Text, " abort")

@@ -136,7 +136,7 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
     for (why, said) in [
         (
             EndFault::of("the engine at \"/data/engine.sock\" has ended"),
-            "ENGINE GONE (looks again 3/64): the engine at",
+            "ENGINE GONE (looks again 3/64), last heard 00:01:00",
         ),
         (
             EndFault::orderly("it ended in good order: bert ended it"),
@@ -156,6 +156,15 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
         assert!(screen.contains(said), "{screen}");
         assert!(words(&console, SIZES[1]).contains("(looks again 3/64)"), "{}", words(&console, SIZES[1]));
         assert!(!screen.contains("with bert") && console.model.told.others().count() == 0, "{screen}");
+        assert!(screen.contains("STALE 1 min 0 s"), "the age of what is shown: {screen}");
+        // Neither what that engine would do is offered, nor the way out of it.
+        console.keys("1");
+        let screen = words(&console, SIZES[0]);
+        for gone in ["x abort", "p hold", "leave it on", "end engine", "00:02:00"] {
+            assert!(!screen.contains(gone), "{gone}: {screen}");
+        }
+        assert!(screen.contains("q quit"), "{screen}");
+        console.keys("7");
         // The place is kept for when there is one.
         console.tell(MsgKind::Seated(Some(902)));
         console.tell(MsgKind::EngineStarted);
@@ -171,6 +180,21 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
             [Effect::Ask { question: Question::Audit(_), .. }]
         ));
     }
+}
+
+/// What is typed into a form goes nowhere once nobody is there to ask.
+#[test]
+fn a_form_that_is_open_when_the_engine_goes_is_for_nothing() {
+    let mut console = attached();
+    console.keys(":goal grasp");
+    console.press(KeyCode::Enter);
+    console.keys("the tray");
+    console.tell(MsgKind::EngineEnded(Err(EndFault::of("it has ended"))));
+    let screen = words(&console, SIZES[0]);
+    assert!(screen.contains("NOT ASKED, and no longer possible: the engine is gone"), "{screen}");
+    assert!(screen.contains("the tray"), "what was typed can be read: {screen}");
+    console.keys(" is empty");
+    assert!(console.press(KeyCode::Enter).is_empty());
 }
 
 /// What was handed to the engine that is gone is answered by nobody: the window must not wait for ever.
