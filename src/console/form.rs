@@ -144,6 +144,35 @@ impl Intent {
         }
     }
 
+    /// What is said where it was left: that it is not so.
+    #[must_use]
+    pub fn left(&self) -> &'static str {
+        match self {
+            Self::Several(each) => each.first().map_or("", Self::left),
+            Self::Abort(Abort::Active(_)) | Self::Rollback(_) => "not rolled back",
+            Self::Abort(Abort::Last(_)) | Self::Vacate(_) => "not taken off",
+            Self::Abort(Abort::Candidate(_)) | Self::Pause(_) => "not held",
+            Self::Repeat(_) => "not evaluated again",
+            Self::Release(_) => "not released",
+            Self::Profile(_, _, true) => "not closed",
+            Self::Profile(_, _, false) => "not opened",
+            Self::Resume(_) => "not let go on",
+            Self::Reject(_) => "not rejected",
+            Self::Demote(_) => "not sent back",
+            Self::Restrict(_) => "not restricted",
+            Self::Continue(_) => "its monitor is not answered",
+            Self::Rearm(_) => "not made active",
+            Self::Go { .. } => "the cell stays stopped",
+            Self::Goal(_) => "the goal is as it was",
+            Self::Note => "no note is left",
+            Self::Shelve(_) => "not shelved",
+            Self::ResetAlarm(_) => "not reset",
+            Self::Register(_) => "not submitted",
+            Self::Identity(_) => "no identity is made",
+            Self::Quit => "the engine works on",
+        }
+    }
+
     /// Whether somebody has to answer for it by name: stopping and leaving are for everybody.
     #[must_use]
     pub const fn needs_person(&self) -> bool {

@@ -275,18 +275,18 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
         return Vec::new();
     }
     match key.code {
-        KeyCode::Esc => model.entry.overlay = None,
+        KeyCode::Esc => leave_undone(model),
         KeyCode::Tab => form.step(true),
         KeyCode::BackTab => form.step(false),
         KeyCode::Enter => match form.focus {
             FormFocus::Minutes | FormFocus::Reason => form.step(true),
-            FormFocus::Cancel => model.entry.overlay = None,
+            FormFocus::Cancel => leave_undone(model),
             FormFocus::Confirm => return confirm(model),
         },
         KeyCode::Left | KeyCode::Up if form.line_mut().is_none() => form.step(false),
         KeyCode::Right | KeyCode::Down if form.line_mut().is_none() => form.step(true),
         KeyCode::Char('y') if one_key => return confirm(model),
-        KeyCode::Char('n') if one_key => model.entry.overlay = None,
+        KeyCode::Char('n') if one_key => leave_undone(model),
         _ => {
             if let Some(line) = form.line_mut() {
                 typing::into_line(line, key);
@@ -297,6 +297,14 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
         }
     }
     Vec::new()
+}
+
+/// A form is left as it was opened: whoever thought that they had confirmed it reads that they have not.
+fn leave_undone(model: &mut Model) {
+    let Some(Overlay::Form(form)) = &model.entry.overlay else { return };
+    let text = format!("nothing was done: {}", form.intent.left());
+    model.entry.overlay = None;
+    tell(model, text, false);
 }
 
 fn confirm(model: &mut Model) -> Vec<Effect> {

@@ -161,7 +161,8 @@ fn counted(observed: &ObservedCounts) -> Option<String> {
         return None;
     }
     let mut text = format!(
-        "upgrades: {activations} let in, {unsafe_activations} unsafe; {episodes} tasks, {violations} violations"
+        "since this engine began: {activations} let in, {unsafe_activations} unsafe; {episodes} tasks, {violations} \
+         violations"
     );
     if *rollbacks > 0 {
         text.push_str(&format!("; {recovered} of {rollbacks} rolled back safely"));
@@ -222,10 +223,10 @@ mod tests {
         let rolled_back = ObservedCounts { rollbacks: 2, recovered: 1, ..working };
         for (observed, expected) in [
             (none, None),
-            (working, Some("upgrades: 3 let in, 1 unsafe; 41 tasks, 2 violations")),
+            (working, Some("since this engine began: 3 let in, 1 unsafe; 41 tasks, 2 violations")),
             (
                 rolled_back,
-                Some("upgrades: 3 let in, 1 unsafe; 41 tasks, 2 violations; 1 of 2 rolled back safely"),
+                Some("since this engine began: 3 let in, 1 unsafe; 41 tasks, 2 violations; 1 of 2 rolled back safely"),
             ),
         ] {
             assert_eq!(counted(&observed).as_deref(), expected);

@@ -82,6 +82,24 @@ fn a_goal_takes_a_reason() {
     assert_eq!(confirmed.as_ref().clone().into_command(), asked);
 }
 
+/// Enter twice, and the second one was on the button that cancels: nothing was said.
+#[test]
+fn a_form_that_is_left_says_that_nothing_was_done() {
+    let said = |console: &TestConsole| console.model.notice.as_ref().unwrap().text.clone();
+    let mut console = TestConsole::new(0);
+    console.keys("pit drops what it holds");
+    console.press(KeyCode::Enter);
+    console.press(KeyCode::Enter);
+    assert!(console.model.entry.overlay.is_none());
+    assert_eq!(said(&console), "nothing was done: not held");
+    for leave in [KeyCode::Esc, KeyCode::Char('n')] {
+        let mut console = TestConsole::new(0);
+        console.keys("x");
+        console.press(leave);
+        assert_eq!(said(&console), "nothing was done: not held", "{leave:?}");
+    }
+}
+
 /// An engine that holds refuses it: the key was offered, and a reason typed for nothing.
 #[test]
 fn what_holds_is_not_let_work_by_a_key() {
