@@ -106,11 +106,8 @@ pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
     }
     let family = now.families.iter().find(|family| family.family == candidate.version.family);
     let compares = !matches!(candidate.state, State::Registered | State::Shadowed);
-    // A stage that has just begun has no count yet.
-    let works = |other: &&CandidateView| {
-        under_way(other).is_some() || (other.flags.running.is_some() && !other.flags.paused)
-    };
-    let at_work = now.candidates.iter().filter(|other| other.version != candidate.version).find(works);
+    let mut others = now.candidates.iter().filter(|other| other.version != candidate.version);
+    let at_work = others.find(|other| works(other));
     Some(if let Some(why) = stands_still(now) {
         format!("waits: {why}")
     } else if candidate.held {
@@ -140,6 +137,12 @@ pub fn stands_still(now: &Snapshot) -> Option<&'static str> {
     } else {
         now.stopped.is_some().then_some("the cell is stopped")
     }
+}
+
+/// Whether something of a version is worked. A stage that has just begun has no count yet.
+#[must_use]
+pub const fn works(candidate: &CandidateView) -> bool {
+    under_way(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
 }
 
 /// How far a version's stage is; absent where it has left the pipeline, whatever was told of it last.

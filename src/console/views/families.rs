@@ -12,8 +12,9 @@ use crate::theme::Mark;
 use crate::widgets::bar::outcomes;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
+use crate::words::{under_way, works};
 use holdpoint_governance::lifecycle::State;
-use holdpoint_protocol::snapshot::{FamilyView, LiveView};
+use holdpoint_protocol::snapshot::{CandidateView, FamilyView, LiveView, Snapshot};
 
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
@@ -27,7 +28,7 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let name_width =
         snapshot.families.iter().map(|family| family.family.to_string().len()).max().unwrap_or(0);
     let mut rows: Vec<Row> =
-        snapshot.families.iter().map(|family| row(family, pen, name_width.min(16), width)).collect();
+        snapshot.families.iter().map(|family| row(snapshot, family, pen, name_width.min(16), width)).collect();
     rows.push(live(&snapshot.live, pen, width));
     if let Some(fault) = &snapshot.live.fault {
         rows.push(Row::of(
@@ -42,7 +43,7 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     rows
 }
 
-fn row(family: &FamilyView, pen: &Pen<'_>, name_width: usize, width: usize) -> Row {
+fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, width: usize) -> Row {
     let flags = family.flags.unwrap_or_default();
     let name = family.active.as_ref().map(ToString::to_string);
     let room = width.saturating_sub(name_width + 3 + name.as_ref().map_or(0, String::len));
@@ -65,13 +66,30 @@ fn row(family: &FamilyView, pen: &Pen<'_>, name_width: usize, width: usize) -> R
     }
     if let Some((worked, needed)) = family.provisional {
         let so_far =
-            if worked < needed { format!("  {worked} of {needed}") } else { "  window over".to_owned() };
-        row.push(ThemeRole::Text, &so_far);
+            if worked < needed { format!("{worked} of {needed}") } else { after_window(now, family) };
+        row.push(ThemeRole::Text, &format!("  {so_far}"));
     }
     if let Some(pinned) = &family.pinned {
         row.push(ThemeRole::Muted, &format!("  back: {}", pinned.version));
     }
     row
+}
+
+/// What a provisional version waits for whose window is over.
+fn after_window(now: &Snapshot, family: &FamilyView) -> String {
+    let flags = family.flags.unwrap_or_default();
+    if flags.paused || flags.restricted {
+        // A person's turn; that is said beside it.
+        return "window over".to_owned();
+    }
+    let ours = |candidate: &&CandidateView| Some(&candidate.version) == family.active.as_ref();
+    let own = now.candidates.iter().find(ours).and_then(under_way);
+    let other = now.candidates.iter().filter(|candidate| !ours(candidate)).find(|other| works(other));
+    match (own, other) {
+        (Some(progress), _) => format!("in confirmation, {} of {}", progress.done, progress.budget),
+        (None, Some(other)) => format!("waits for its confirmation, behind {}", other.version),
+        (None, None) => "waits for its confirmation".to_owned(),
+    }
 }
 
 fn live(live: &LiveView, pen: &Pen<'_>, width: usize) -> Row {

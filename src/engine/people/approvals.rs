@@ -433,7 +433,9 @@ pub(super) fn view(
         why: why::in_short(dossier),
         untested: untested(dossier),
         on_drift: match prompt.purpose {
-            Purpose::Activation | Purpose::Emergency => on_drift(context, prompt, &dossier.conditions),
+            Purpose::Activation | Purpose::Emergency => {
+                on_drift(context, prompt, &dossier.conditions, dossiers.has_open_doubt(id))
+            }
             Purpose::Release | Purpose::Review => prompt.about.clone(),
         },
         purpose: prompt.purpose,
@@ -441,8 +443,13 @@ pub(super) fn view(
     }
 }
 
-/// What happens when a version gets worse after its activation.
-fn on_drift(context: &Context, prompt: &PendingQuestion, conditions: &[Condition]) -> String {
+/// What happens when a version gets worse after its activation, and what confirms it.
+fn on_drift(
+    context: &Context,
+    prompt: &PendingQuestion,
+    conditions: &[Condition],
+    in_doubt: bool,
+) -> String {
     let (monitor, window) = (&context.profile.monitor, context.profile.activation.provisional_episodes);
     let back = prompt.replaces.as_ref().map_or_else(
         || "it is taken off and the family stops, for there is no way back".to_owned(),
@@ -450,18 +457,28 @@ fn on_drift(context: &Context, prompt: &PendingQuestion, conditions: &[Condition
     );
     let watch = Strictness::of(conditions);
     let limits = if watch.factor() < 1.0 { format!("; {}", watch.limits(monitor)) } else { String::new() };
+    let confirmed = confirmed_after(window, in_doubt);
     if watch.coupled() {
         return format!(
-            "after a safety event or the first warning of a chart {back}, and nobody is asked; confirmed after \
-             {window} live tasks{limits}"
+            "after a safety event or the first warning of a chart {back}, and nobody is asked; {confirmed}{limits}"
         );
     }
     let share = 100.0 * monitor.restrict_factor;
     format!(
         "after a safety event or an established rise of a rate {back}; a drifting rate lowers speed and force to \
-         {share:.0} % and asks people, for {:.0} s; confirmed after {window} live tasks{limits}",
+         {share:.0} % and asks people, for {:.0} s; {confirmed}{limits}",
         monitor.escalation_deadline_s
     )
+}
+
+/// The live window alone settles no doubt.
+fn confirmed_after(window: u32, in_doubt: bool) -> String {
+    let settled = if in_doubt {
+        " and once the doubt it is let in with is settled on fresh evidence"
+    } else {
+        ""
+    };
+    format!("confirmed after {window} live tasks{settled}")
 }
 
 /// Whole milliseconds of a span; profiles hold finite, bounded, non-negative times.
@@ -530,6 +547,14 @@ fn estimates(kappas: &Kappas) -> Vec<String> {
 mod tests {
     use super::*;
     use holdpoint_governance::evidence::{DrillTally, Drills};
+
+    /// Such a version was confirmed hundreds of tasks later than the question had said.
+    #[test]
+    fn a_doubt_is_settled_before_a_confirmation() {
+        assert_eq!(confirmed_after(100, false), "confirmed after 100 live tasks");
+        let doubtful = confirmed_after(100, true);
+        assert!(doubtful.starts_with("confirmed after 100 live tasks and once the doubt"), "{doubtful}");
+    }
 
     #[test]
     fn friction_follows_profile_and_quorum() {

@@ -265,6 +265,34 @@ fn a_queued_candidate_says_what_it_waits_for() {
     assert!(text.contains("0 of 2 approved, held in 9 min 0 s") && !text.contains("begins"), "{text}");
 }
 
+/// Its window was over, and nothing said what it goes on being provisional for.
+#[test]
+fn a_provisional_version_says_what_it_waits_for_after_its_window() {
+    let over = |change: fn(&mut Snapshot)| {
+        let mut console = TestConsole::new(0);
+        with(&mut console, |now| {
+            now.families[0].provisional = Some((40, 40));
+            now.families[0].flags = Some(Flags { provisional: true, ..Flags::default() });
+            now.candidates.clear();
+            now.prompts.clear();
+            change(now);
+        });
+        screen(&console, 160, 40)
+    };
+    let own = |now: &mut Snapshot| {
+        let state = State::Active;
+        now.candidates.push(CandidateView { state, flags: Flags::default(), ..at_work("grasp@1.2.0") });
+    };
+    let behind: fn(&mut Snapshot) = |now| now.candidates.push(at_work("align@2.0.0"));
+    for (text, said) in [
+        (over(|_| ()), "waits for its confirmation"),
+        (over(behind), "waits for its confirmation, behind align@2.0.0"),
+        (over(own), "in confirmation, 3 of 9"),
+    ] {
+        assert!(text.contains(said) && !text.contains("window over"), "{said}: {text}");
+    }
+}
+
 #[test]
 fn the_monitors_are_whole_at_every_size() {
     let mut console = TestConsole::new(0);
