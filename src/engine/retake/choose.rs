@@ -3,9 +3,11 @@
 //! The worst pair is the one that shows most of what decided: bad in the component the rules found against the version,
 //! good in the version it was compared with, then by gravity. Reads evidence; judges nothing.
 
+use holdpoint_body::CodeFault;
 use holdpoint_governance::behavior::{ComponentName, component_of};
-use holdpoint_governance::evidence::{AloneEpisode, DrillKind, EpisodeValues, FailedDrill, Pair};
+use holdpoint_governance::evidence::{AloneEpisode, DrillKind, EpisodeValues, FailedDrill, HardStop, Pair};
 use holdpoint_governance::harm::HarmKind;
+use holdpoint_governance::permission::{PermissionUse, fault_words};
 use holdpoint_protocol::film::{FilmAsked, FilmOf};
 
 use crate::dossier::Dossier;
@@ -31,14 +33,14 @@ pub(crate) enum Found {
 /// Finds it; a sentence says why it cannot.
 pub(crate) fn choose(dossier: &Dossier, asked: FilmAsked) -> Result<Chosen, String> {
     match asked.of {
-        FilmOf::Episode => pair(&dossier.pairs, deciding(dossier), asked, "of the sandbox"),
+        FilmOf::Episode => pair(&dossier.pairs, dossier, asked, "of the sandbox"),
         FilmOf::Confirmation => {
             let settled = dossier.confirmation.as_ref();
             let pairs = settled.map_or(&[][..], |confirmation| &confirmation.pairs.pairs);
-            pair(pairs, deciding(dossier), asked, "of a confirmation")
+            pair(pairs, dossier, asked, "of a confirmation")
         }
         FilmOf::Drill => drill(&dossier.failed_drills, failed(dossier), asked),
-        FilmOf::Alone => alone(&dossier.alone, asked),
+        FilmOf::Alone => alone(&dossier.alone, overrun(dossier), asked),
     }
 }
 
@@ -91,16 +93,54 @@ fn deciding(dossier: &Dossier) -> Option<Deciding> {
     decisive(dossier).map(Deciding::Component).or_else(|| Some(Deciding::Harm(harm()?.kind)))
 }
 
-fn pair(pairs: &[Pair], deciding: Option<Deciding>, asked: FilmAsked, whose: &str) -> Result<Chosen, String> {
+/// How confined code failed on record, and in how many of the tasks, a sentence each.
+pub(crate) fn code_faults(dossier: &Dossier) -> Vec<String> {
+    let Some(PermissionUse { used, tasks, .. }) = &dossier.permissions else { return Vec::new() };
+    let said = |(fault, failed): (&CodeFault, &u64)| format!("{} in {failed} of {tasks} tasks", fault_words(*fault));
+    used.faults.iter().map(said).collect()
+}
+
+/// The fault of confined code that counts as a budget that is passed.
+pub(crate) fn overrun(dossier: &Dossier) -> Option<CodeFault> {
+    let faults = &dossier.permissions.as_ref()?.used.faults;
+    [CodeFault::Fuel, CodeFault::Memory].into_iter().find(|fault| faults.contains_key(fault))
+}
+
+/// What ended an evaluation, in words; of code that overran, what of it it was.
+pub(crate) const fn stop_words(stop: HardStop, fault: Option<CodeFault>) -> &'static str {
+    match (stop, fault) {
+        (HardStop::BudgetBreach, Some(CodeFault::Fuel)) => "its code computed beyond its budget",
+        (HardStop::BudgetBreach, Some(CodeFault::Memory)) => "its code asked for more memory than declared",
+        _ => stop.sentence(),
+    }
+}
+
+/// Whether a hard stop or a fault of the code broke an episode off, as far as its values tell.
+const fn broke_off(values: &EpisodeValues) -> bool {
+    values.recovery && !values.success && (values.anomaly || values.violation)
+}
+
+fn pair(pairs: &[Pair], dossier: &Dossier, asked: FilmAsked, whose: &str) -> Result<Chosen, String> {
+    let deciding = deciding(dossier);
+    let faults = code_faults(dossier);
+    let breaks = !faults.is_empty() || !dossier.hard_stops.is_empty();
     if pairs.is_empty() {
         return Err(format!("no paired episode {whose} is on record"));
     }
     let index = match asked.number {
         Some(number) => numbered(number, pairs.len(), "paired episodes")?,
-        None => worst(pairs, deciding),
+        None => worst(pairs, deciding, breaks),
     };
     let pair = *pairs.get(index).ok_or("there is no such episode")?;
-    let why = if asked.number.is_some() { String::new() } else { why(&pair, deciding) };
+    let why = if asked.number.is_some() {
+        String::new()
+    } else if breaks && broke_off(&pair.candidate) && !broke_off(&pair.active) {
+        let stops = dossier.hard_stops.iter().map(|stop| stop_words(*stop, overrun(dossier)).to_owned());
+        let first = faults.into_iter().chain(stops).next().unwrap_or_default();
+        format!("it is broken off, the active version's is not; on record: {first}")
+    } else {
+        why(&pair, deciding)
+    };
     Ok(Chosen {
         number: count(index + 1),
         count: count(pairs.len()),
@@ -137,7 +177,11 @@ fn drill(failed: &[FailedDrill], all: u32, asked: FilmAsked) -> Result<Chosen, S
     Ok(Chosen { number, count: kept, beyond, why, found: Found::Drill(found) })
 }
 
-fn alone(worked: &[AloneEpisode], asked: FilmAsked) -> Result<Chosen, String> {
+fn alone(
+    worked: &[AloneEpisode],
+    overrun: Option<CodeFault>,
+    asked: FilmAsked,
+) -> Result<Chosen, String> {
     if worked.is_empty() {
         return Err("no episode that it worked alone is on record one by one".to_owned());
     }
@@ -156,7 +200,7 @@ fn alone(worked: &[AloneEpisode], asked: FilmAsked) -> Result<Chosen, String> {
     let episode = *worked.get(index).ok_or("there is no such episode")?;
     let why = match (asked.number, episode.hard_stop) {
         (Some(_), _) => String::new(),
-        (None, Some(stop)) => format!("{}, which ends an evaluation", stop.sentence()),
+        (None, Some(stop)) => format!("{}, which ends an evaluation", stop_words(stop, overrun)),
         (None, None) => "the gravest of them".to_owned(),
     };
     let found = Found::Alone(Box::new(episode));
@@ -210,13 +254,14 @@ const GRAVITY: [ComponentName; 6] = [
     ComponentName::Time,
 ];
 
-/// Place of the pair that shows most; of equal ones the first.
-fn worst(pairs: &[Pair], deciding: Option<Deciding>) -> usize {
-    let score = |pair: &Pair| -> [f64; 8] {
-        let mut score = [0.0; 8];
-        score[0] = deciding.map_or(0.0, |deciding| deciding.excess(pair));
-        score[1] = pair.candidate.unsafe_continuation_ms;
-        for (place, name) in score[2..].iter_mut().zip(GRAVITY) {
+/// Place of the pair that shows most, one that was broken off first where such are on record; of equal ones the first.
+fn worst(pairs: &[Pair], deciding: Option<Deciding>, breaks: bool) -> usize {
+    let score = |pair: &Pair| -> [f64; 9] {
+        let mut score = [0.0; 9];
+        score[0] = f64::from(u8::from(breaks && broke_off(&pair.candidate) && !broke_off(&pair.active)));
+        score[1] = deciding.map_or(0.0, |deciding| deciding.excess(pair));
+        score[2] = pair.candidate.unsafe_continuation_ms;
+        for (place, name) in score[3..].iter_mut().zip(GRAVITY) {
             *place = Deciding::Component(name).excess(pair);
         }
         score
@@ -302,13 +347,33 @@ mod tests {
             pair(4, values(true, true), good),
             pair(5, values(true, false), good),
         ];
-        assert_eq!(pairs[worst(&pairs, None)].seed, 5, "the gravest, and most of it");
+        assert_eq!(pairs[worst(&pairs, None, false)].seed, 5, "the gravest, and most of it");
         let component = |name| Some(Deciding::Component(name));
-        assert_eq!(pairs[worst(&pairs, component(ComponentName::Success))].seed, 5);
-        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Success))].seed, 2);
-        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Violation))].seed, 4);
+        assert_eq!(pairs[worst(&pairs, component(ComponentName::Success), false)].seed, 5);
+        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Success), false)].seed, 2);
+        assert_eq!(pairs[worst(&pairs[..4], component(ComponentName::Violation), false)].seed, 4);
         assert_eq!(why(&pairs[3], None), "it passes a limit, the active version does not");
         assert_eq!(why(&pairs[0], None), "in no episode on record is it worse than the active version");
+    }
+
+    /// The slowest episode was shown of a version whose code trapped in others.
+    #[test]
+    fn an_episode_that_was_broken_off_comes_before_what_is_merely_worse() {
+        let good = values(false, true);
+        let slow = EpisodeValues { time_s: 60.0, ..values(false, false) };
+        let trapped = EpisodeValues { anomaly: true, recovery: true, ..values(false, false) };
+        let pairs = [pair(1, slow, good), pair(2, trapped, trapped), pair(3, trapped, good)];
+        let time = Some(Deciding::Component(ComponentName::Time));
+        assert_eq!(pairs[worst(&pairs, time, false)].seed, 1);
+        assert_eq!(pairs[worst(&pairs, time, true)].seed, 3, "and the active version's is not broken off");
+    }
+
+    #[test]
+    fn an_overrun_of_code_is_said_as_one() {
+        let said = |fault| stop_words(HardStop::BudgetBreach, fault);
+        assert_eq!(said(Some(CodeFault::Fuel)), "its code computed beyond its budget");
+        assert_eq!(said(None), HardStop::BudgetBreach.sentence());
+        assert_eq!(stop_words(HardStop::MotionAfterStop, Some(CodeFault::Fuel)), HardStop::MotionAfterStop.sentence());
     }
 
     /// Of a version that was refused for what it did to its surroundings the slowest episode was shown.
@@ -324,8 +389,8 @@ mod tests {
             pair(2, pressing(70.0, 4.0), pressing(24.0, 4.0)),
         ];
         let harm = Some(Deciding::Harm(HarmKind::GripPeak));
-        assert_eq!(pairs[worst(&pairs, None)].seed, 1);
-        assert_eq!(pairs[worst(&pairs, harm)].seed, 2);
+        assert_eq!(pairs[worst(&pairs, None, false)].seed, 1);
+        assert_eq!(pairs[worst(&pairs, harm, false)].seed, 2);
         assert_eq!(
             why(&pairs[1], harm),
             "peak grip force on the object 70.0 N, of the active version 24.0 N"

@@ -5,6 +5,7 @@
 use holdpoint_body::{FailureSignal, TICK_SECS};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
+use holdpoint_governance::permission::fault_words;
 use holdpoint_governance::profile::HarmSettings;
 use holdpoint_protocol::film::{FilmFrame, FilmMark, FilmedRun};
 use holdpoint_protocol::picture::EnvelopePicture;
@@ -15,6 +16,7 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::film::Frame;
 
+use super::choose::stop_words;
 use crate::cell::Cell;
 use crate::trial::drills::DrillResult;
 use crate::trial::worker::Worker;
@@ -185,7 +187,11 @@ fn ended(record: &TaskRecord, passed: &[String]) -> String {
         return "the call is refused: what it needs to begin does not hold".to_owned();
     }
     let mut said: Vec<String> = Vec::new();
-    said.extend(record.hard_stop.map(|stop| stop.sentence().to_owned()));
+    match (record.hard_stop, record.fault) {
+        (Some(stop), fault) => said.push(stop_words(stop, fault).to_owned()),
+        (None, Some(fault)) => said.push(fault_words(fault).to_owned()),
+        (None, None) => {}
+    }
     if record.violation {
         let hits = record.hits.iter().map(|(_, hit)| hit).filter(|hit| hit.is_violation());
         let words: Vec<&str> = hits.map(|hit| hit.words()).collect();

@@ -5,13 +5,13 @@
 
 use holdpoint_governance::behavior::{Component, ComponentName};
 use holdpoint_governance::decision::{Dimension, Kappa, Reason, ReasonCode};
-use holdpoint_governance::evidence::{DrillKind, DrillTally, Pair};
+use holdpoint_governance::evidence::{DrillKind, DrillTally, HardStop, Pair};
 use holdpoint_protocol::detail::{FindingVerdict, WhyFinding, WhyView};
 use holdpoint_protocol::film::{FilmAsked, FilmOf};
 
 use crate::dossier::Dossier;
 use crate::explain::{changes, is_in_favour};
-use crate::retake::choose::{Chosen, badness, choose, decisive};
+use crate::retake::choose::{Chosen, badness, choose, code_faults, decisive, overrun, stop_words};
 
 /// The four compatibilities, in their order.
 const CHECKS: [Dimension; 4] =
@@ -33,7 +33,13 @@ pub(crate) fn whys(dossier: &Dossier, reasons: &[Reason]) -> Vec<WhyView> {
 
 fn why(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView {
     let against = reasons.iter().filter(|reason| reason.dimension == about && !is_in_favour(reason.code));
-    WhyView { change: changes(dossier, against), ..measured(dossier, reasons, about) }
+    let mut why = WhyView { change: changes(dossier, against), ..measured(dossier, reasons, about) };
+    let faults = code_faults(dossier);
+    if about == Dimension::Behavior && !faults.is_empty() {
+        // Whatever was measured of such code, it came of this.
+        why.decisive = format!("{}; {}", faults.join("; "), why.decisive);
+    }
+    why
 }
 
 /// As [`why`], without what would have to change: that reads the whole dossier.
@@ -68,16 +74,29 @@ fn measured(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView 
         (None, Some(reason)) => with_numbers(reason),
         (_, None) => in_favour(dossier, about, &own, &findings),
     };
+    let decisive = of_code(dossier, decisive);
+    for finding in &mut findings {
+        finding.text = of_code(dossier, std::mem::take(&mut finding.text));
+    }
     // Where nothing was measured a reason is all there is: what the sentence says is not said again below it.
     findings.retain(|finding| finding.weight.is_some() || finding.text != decisive);
     WhyView { about, decisive, change: Vec::new(), findings, film }
+}
+
+/// A budget that code passed while it computed is said as that.
+fn of_code(dossier: &Dossier, said: String) -> String {
+    let stop = HardStop::BudgetBreach;
+    match overrun(dossier) {
+        Some(fault) => said.replace(stop.sentence(), stop_words(stop, Some(fault))),
+        None => said,
+    }
 }
 
 /// What decided on behaviour and recovery, and which work shows it, for who has to decide: one sentence each.
 pub(crate) fn in_short(dossier: &Dossier) -> Vec<String> {
     let Some(kappas) = &dossier.kappas else { return Vec::new() };
     let reasons = [&kappas.behavior.reasons[..], &kappas.recovery.reasons[..]].concat();
-    let mut said = Vec::new();
+    let mut said = code_faults(dossier);
     for about in [Dimension::Behavior, Dimension::Recovery] {
         say(dossier, &reasons, about, &mut said);
     }
@@ -101,7 +120,7 @@ pub(crate) fn of_decision(dossier: &Dossier, reasons: &[Reason]) -> Vec<String> 
     if against.is_empty() || dossier.kappas.is_none() {
         return if dossier.pairs.is_empty() { Vec::new() } else { in_short(dossier) };
     }
-    let mut said = Vec::new();
+    let mut said = code_faults(dossier);
     for about in against {
         say(dossier, reasons, about, &mut said);
     }
@@ -472,6 +491,30 @@ mod tests {
         assert_eq!(why.decisive, text);
         let found: Vec<&str> = why.findings.iter().map(|finding| finding.text.as_str()).collect();
         assert_eq!(found, ["it is an estimate"]);
+    }
+
+    /// Whoever read that it does not do the task in 40 of 120 episodes was not told that its code traps in them.
+    #[test]
+    fn faults_of_code_are_said_first() {
+        use crate::embedded;
+        use holdpoint_body::CodeFault;
+        use holdpoint_governance::permission::{PermissionUse, PermissionsUsed};
+        use holdpoint_runtime::capability::Capability;
+
+        let name = embedded::names().next().unwrap();
+        let version = Capability::load(name, embedded::package(name).unwrap()).unwrap();
+        let with = |fault| {
+            let used = PermissionsUsed { faults: [(fault, 40)].into(), ..PermissionsUsed::default() };
+            let (declared, code) = (&version.manifest.permissions, version.bundle.interface());
+            let permissions = Some(PermissionUse::new(declared, &code, &used, 120));
+            Dossier { permissions, ..Dossier::default() }
+        };
+        let text = format!("budget-breach was seen: {}", HardStop::BudgetBreach.sentence());
+        let reason = Reason::new(ReasonCode::BehaviorHardStop, Dimension::Behavior, text);
+        let said = why(&with(CodeFault::Trap), std::slice::from_ref(&reason), Dimension::Behavior);
+        assert!(said.decisive.starts_with("its code traps in 40 of 120 tasks; "), "{}", said.decisive);
+        let said = why(&with(CodeFault::Fuel), &[reason], Dimension::Behavior);
+        assert!(said.decisive.ends_with("its code computed beyond its budget"), "{}", said.decisive);
     }
 
     #[test]
