@@ -34,6 +34,8 @@ pub enum Asked {
     Theme(String),
     /// A pace; absent for as fast as it computes.
     Pace(Option<f64>),
+    /// Which pace is in force.
+    PaceNow,
     /// A drift; absent ends it.
     Drift(Option<Drift>),
     Candidate(CapabilityId),
@@ -58,7 +60,7 @@ impl Asked {
             | Self::Profile(..)
             | Self::Goal(_)
             | Self::Note(_) => true,
-            Self::As(_) | Self::Theme(_) | Self::Candidate(_) => false,
+            Self::As(_) | Self::Theme(_) | Self::Candidate(_) | Self::PaceNow => false,
         }
     }
 }
@@ -79,6 +81,7 @@ pub fn parse(text: &str) -> Result<Asked, String> {
         "register" => needs("a folder").map(Asked::Register),
         "as" => needs("the name of an identity; `holdpoint identity list` shows them").map(Asked::As),
         "theme" => needs("a name; tab shows them").map(Asked::Theme),
+        "pace" if rest.is_empty() => Ok(Asked::PaceNow),
         "pace" => pace(rest).map(Asked::Pace),
         "drift" => drift(rest),
         "goal" => needs("a goal: pick-align-place, grasp, align or place").map(Asked::Goal),
@@ -214,6 +217,7 @@ mod tests {
             (":q", Asked::Action(Action::Quit)),
             ("demo", Asked::Demo(None)),
             ("demo grasp-improved", Asked::Demo(Some("grasp-improved".to_owned()))),
+            ("pace", Asked::PaceNow),
             ("pace max", Asked::Pace(None)),
             ("pace 2.5", Asked::Pace(Some(2.5))),
             ("candidate grasp@1.2.0", Asked::Candidate(version)),

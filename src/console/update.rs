@@ -244,6 +244,12 @@ fn act(model: &mut Model, action: Action) -> Vec<Effect> {
         Action::NextTheme => next_theme(model),
         Action::Mouse => {
             model.settings.mouse = !model.settings.mouse;
+            let text = if model.settings.mouse {
+                "the mouse is this console's: it clicks and turns here"
+            } else {
+                "the mouse is the terminal's again: it marks text there"
+            };
+            tell(model, text, false);
             vec![Effect::TakeMouse(model.settings.mouse)]
         }
         Action::Copy => match moving::copied(model) {

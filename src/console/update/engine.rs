@@ -60,14 +60,18 @@ pub(super) fn seated(model: &mut Model, process: Option<i32>) -> Vec<Effect> {
         model.told.seated_ms = Some(model.now_ms);
         model.asking.pending.clear();
         model.asking.asked.clear();
-        overlays::unanswered(
-            model,
-            "the engine that was asked is gone; whether it was carried out is not known",
-        );
+        let (lost, now) = if is_same {
+            let lost = "the connection to the engine was lost";
+            (lost, "the engine was at work all along, and this console sits at it again")
+        } else {
+            let lost = "the engine that was asked is gone";
+            (lost, "an engine is at work on this store again, and this console sits at it")
+        };
+        overlays::unanswered(model, &format!("{lost}; whether it was carried out is not known"));
         if let Some(asked) = &mut model.told.stop_asked {
-            asked.why = Some("the engine that was asked is gone".to_owned());
+            asked.why = Some(lost.to_owned());
         }
-        tell(model, "an engine is at work on this store again, and this console sits at it", false);
+        tell(model, now, false);
     }
     Vec::new()
 }

@@ -90,7 +90,7 @@ impl<'a> Possible<'a> {
                 View::Alarms => self.here.is_some(),
                 View::Registry | View::Approvals | View::Audit => self.rows > 0,
                 View::Shadow => self.here.is_some(),
-                View::Candidate => true,
+                View::Candidate => model.subject_detail().is_some_and(|detail| !detail.why.is_empty()),
                 View::Health => false,
             },
             A::NextPane => model.place.view.panes().len() > 1,

@@ -159,6 +159,18 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
             Vec::new()
         }
         Asked::Pace(times) => asking::ask(model, "change the pace".to_owned(), Question::Pace(times)),
+        Asked::PaceNow => {
+            let pace = model.told.snapshot.as_ref().map(|now| now.live.pace);
+            let text = match pace {
+                None => "no engine has told a pace yet".to_owned(),
+                Some(None) => "the live cell works as fast as it computes; `:pace N` changes it".to_owned(),
+                Some(Some(times)) => {
+                    format!("the live cell works {times} simulated seconds in a second; `:pace N` changes it")
+                }
+            };
+            tell(model, text, false);
+            Vec::new()
+        }
         Asked::Drift(drift) => {
             let question = Question::Drift(drift);
             asking::ask(model, "let a drift set in".to_owned(), question)

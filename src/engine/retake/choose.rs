@@ -12,6 +12,9 @@ use holdpoint_protocol::film::{FilmAsked, FilmOf};
 
 use crate::dossier::Dossier;
 
+/// What is said of the worst pair where none is worse.
+pub(crate) const NOWHERE_WORSE: &str = "in no episode on record is it worse than the active version";
+
 /// The piece that is meant.
 pub(crate) struct Chosen {
     /// Its place, from 1.
@@ -294,7 +297,7 @@ fn why(pair: &Pair, deciding: Option<Deciding>) -> String {
             let more = pair.candidate.time_s - pair.active.time_s;
             format!("it takes {more:.1} s longer than {other}")
         }
-        None => format!("in no episode on record is it worse than {other}"),
+        None => NOWHERE_WORSE.to_owned(),
     }
 }
 

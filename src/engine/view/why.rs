@@ -11,7 +11,7 @@ use holdpoint_protocol::film::{FilmAsked, FilmOf};
 
 use crate::dossier::Dossier;
 use crate::explain::{changes, is_in_favour};
-use crate::retake::choose::{Chosen, badness, choose, code_faults, decisive, overrun, stop_words};
+use crate::retake::choose::{Chosen, NOWHERE_WORSE, badness, choose, code_faults, decisive, overrun, stop_words};
 
 /// The four compatibilities, in their order.
 const CHECKS: [Dimension; 4] =
@@ -53,9 +53,12 @@ fn measured(dossier: &Dossier, reasons: &[Reason], about: Dimension) -> WhyView 
         }
         Dimension::Behavior => (behaviour(dossier), film_of(FilmOf::Episode, false)),
         Dimension::Recovery => (recovery(dossier), film_of(FilmOf::Drill, dossier.failed_drills.is_empty())),
-        Dimension::Interface
-        | Dimension::Policy
-        | Dimension::Composition
+        // What is looked up and not measured has no more or less: its value stands in the heading.
+        Dimension::Interface | Dimension::Policy => {
+            let own: Vec<&Reason> = own.iter().copied().filter(|reason| !is_value(reason)).collect();
+            (stated(&own), None)
+        }
+        Dimension::Composition
         | Dimension::Shadow
         | Dimension::Gate
         | Dimension::Approval
@@ -133,7 +136,12 @@ fn say(dossier: &Dossier, reasons: &[Reason], about: Dimension, said: &mut Vec<S
     let chosen = film.and_then(|asked| choose(dossier, asked).ok().map(|chosen| (asked.of, chosen)));
     if let Some((of, Chosen { number, count, beyond, why, .. })) = chosen {
         let more = if beyond > 0 { format!(" on record, {beyond} more failed") } else { String::new() };
-        said.push(format!("the worst {of} is number {number} of {count}{more}: {why}"));
+        said.push(if why == NOWHERE_WORSE {
+            // There is no worst one where none is worse.
+            format!("{why} (of {count})")
+        } else {
+            format!("the worst {of} is number {number} of {count}{more}: {why}")
+        });
     }
 }
 
@@ -161,6 +169,12 @@ fn with_numbers(reason: &Reason) -> String {
         (Some(found), None) => format!("{} ({})", reason.text, number(found)),
         (None, _) => reason.text.clone(),
     }
+}
+
+/// A compatibility that is as it has to be: of these more is better.
+fn is_value(reason: &Reason) -> bool {
+    is_in_favour(reason.code)
+        && reason.evidence.zip(reason.limit).is_some_and(|(value, least)| value >= least)
 }
 
 /// A sentence where nothing speaks against it.

@@ -75,6 +75,22 @@ fn hints_follow_how_things_stand() {
     assert_eq!(possible.why_not(Action::Go).as_deref(), Some("the cell is not stopped"));
 }
 
+#[test]
+fn what_a_key_or_a_word_alone_asks_for_is_answered() {
+    let mut console = TestConsole::new(0);
+    let said = |console: &TestConsole| console.model.notice.as_ref().unwrap().text.clone();
+    console.keys("M");
+    assert!(said(&console).contains("the mouse is this console's"));
+    console.keys("M");
+    assert!(said(&console).contains("the mouse is the terminal's again"));
+    console.keys(":pace");
+    assert!(console.press(KeyCode::Enter).is_empty());
+    assert!(said(&console).contains("works 1 simulated seconds in a second"), "{}", said(&console));
+    // There is no why of what nobody has assessed.
+    console.keys("3");
+    assert!(!hints::actions(&console.model).contains(&Action::Open));
+}
+
 /// A letter that is text, and a key that something stands against, is no hint.
 #[test]
 fn hints_inside_a_question_follow_what_is_read_and_typed() {
