@@ -404,11 +404,17 @@ impl ReasonCode {
     }
 
     /// What a reason with this code says to people. What is on record as better is better in the mean of the pairs: no bound
-    /// stands behind it.
+    /// stands behind it. What is on record as worse by less than nothing is better.
     #[must_use]
     pub fn told(self, text: &str) -> std::borrow::Cow<'_, str> {
         match self {
             Self::BehaviorImproved => std::borrow::Cow::Owned(format!("{text} on average")),
+            Self::ShadowShifted if text.contains(", by -") => {
+                let now = "the active version's by ";
+                let said = text.replace(&format!("worse than {now}-"), &format!("better than {now}"));
+                let before = if said == text { ", better by " } else { ", by " };
+                std::borrow::Cow::Owned(said.replace(", by -", before))
+            }
             _ => std::borrow::Cow::Borrowed(text),
         }
     }
@@ -451,5 +457,25 @@ mod tests {
             assert_eq!(serde_json::to_string(code).unwrap(), format!("\"{code}\""));
         }
         assert!("no-such-reason".parse::<ReasonCode>().is_err());
+    }
+
+    #[test]
+    fn worse_by_less_than_nothing_is_told_as_better() {
+        for (on_record, told) in [
+            (
+                "force worse than the active version's by -4.1 N in 40 live sequences, by -10.1 N in 300 sandbox pairs",
+                "force better than the active version's by 4.1 N in 40 live sequences, by 10.1 N in 300 sandbox pairs",
+            ),
+            (
+                "force worse than the active version's by 4.1 N in 40 live sequences, by -10.1 N in 300 sandbox pairs",
+                "force worse than the active version's by 4.1 N in 40 live sequences, better by 10.1 N in 300 sandbox pairs",
+            ),
+            (
+                "force worse than the active version's by 4.1 N in 40 live sequences, by 0.1 N in 300 sandbox pairs",
+                "force worse than the active version's by 4.1 N in 40 live sequences, by 0.1 N in 300 sandbox pairs",
+            ),
+        ] {
+            assert_eq!(ReasonCode::ShadowShifted.told(on_record), told);
+        }
     }
 }
