@@ -94,14 +94,19 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
 /// How another shell names this store; absent where it takes it without a word. From any folder, and as one word.
 fn named(context: &CliContext) -> Option<String> {
     let real = |path: &Path| std::fs::canonicalize(path).ok();
-    let is_ours = |other: &Path| other == context.data || real(other).is_some_and(|at| real(&context.data) == Some(at));
+    let is_ours =
+        |other: &Path| other == context.data || real(other).is_some_and(|at| real(&context.data) == Some(at));
     if data::folder(None).is_ok_and(|default| is_ours(&default)) {
         return None;
     }
     let path = std::path::absolute(&context.data).unwrap_or_else(|_| context.data.clone());
     let path = path.to_string_lossy();
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "/._-+,:@".contains(letter);
-    Some(if path.chars().all(is_plain) { path.into_owned() } else { format!("'{}'", path.replace('\'', r"'\''")) })
+    Some(if path.chars().all(is_plain) {
+        path.into_owned()
+    } else {
+        format!("'{}'", path.replace('\'', r"'\''"))
+    })
 }
 
 /// What is at work on the store already.

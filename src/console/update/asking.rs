@@ -66,9 +66,8 @@ pub(super) fn stop_again(model: &mut Model) -> Vec<Effect> {
     }
     let now_ms = model.now_ms;
     // One that fails at once is not asked for with every picture.
-    let is_due = |asked: &&StopAsked| {
-        asked.why.is_some() && now_ms.saturating_sub(asked.asked_ms) >= STOP_AGAIN_MS
-    };
+    let is_due =
+        |asked: &&StopAsked| asked.why.is_some() && now_ms.saturating_sub(asked.asked_ms) >= STOP_AGAIN_MS;
     let Some(by) = model.told.stop_asked.as_ref().filter(is_due).map(|asked| asked.by.clone()) else {
         return Vec::new();
     };

@@ -10,7 +10,7 @@ use holdpoint_protocol::snapshot::StoppedView;
 
 /// Opens the form that lets a stopped cell work again.
 pub(super) fn go(model: &mut Model) -> Vec<Effect> {
-    match may_go(model).map(Clone::clone) {
+    match may_go(model).cloned() {
         Ok(stopped) => {
             let (since_ms, stops) = (stopped.since_ms, stopped.stops);
             let intent = Intent::Go { since_ms, stops, last_ms: stopped.last_ms() };

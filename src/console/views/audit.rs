@@ -226,7 +226,9 @@ mod tests {
             (working, Some("since this engine began: 3 let in, 1 unsafe; 41 tasks, 2 violations")),
             (
                 rolled_back,
-                Some("since this engine began: 3 let in, 1 unsafe; 41 tasks, 2 violations; 1 of 2 rolled back safely"),
+                Some(
+                    "since this engine began: 3 let in, 1 unsafe; 41 tasks, 2 violations; 1 of 2 rolled back safely",
+                ),
             ),
         ] {
             assert_eq!(counted(&observed).as_deref(), expected);

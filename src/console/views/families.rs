@@ -27,8 +27,11 @@ pub fn rows(model: &Model, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     };
     let name_width =
         snapshot.families.iter().map(|family| family.family.to_string().len()).max().unwrap_or(0);
-    let mut rows: Vec<Row> =
-        snapshot.families.iter().map(|family| row(snapshot, family, pen, name_width.min(16), width)).collect();
+    let mut rows: Vec<Row> = snapshot
+        .families
+        .iter()
+        .map(|family| row(snapshot, family, pen, name_width.min(16), width))
+        .collect();
     rows.push(live(&snapshot.live, pen, width));
     if let Some(fault) = &snapshot.live.fault {
         rows.push(Row::of(

@@ -118,9 +118,7 @@ pub fn stop(model: &Model) -> Row {
                 prompt.focus != Focus::Hold || prompt.signing.is_some() || prompt.cut_off.is_some()
             }
             Some(Overlay::Form(form)) => {
-                (form.void.is_some() && !form.is_one_key())
-                    || form.types()
-                    || form.signing.is_some()
+                (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
             }
             Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
         };

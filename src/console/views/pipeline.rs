@@ -349,7 +349,8 @@ mod tests {
         let look = Look::new(theme, crate::look::Depth::Mono, crate::look::Glyphs::Ascii);
         // Whatever it was at when it was rejected, nothing of it goes on.
         let (what, early) = ("paired episodes".to_owned(), String::new());
-        let progress = ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, since_ms: 0, early };
+        let progress =
+            ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, since_ms: 0, early };
         let rejected = CandidateView { progress: Some(progress), ..rejected };
         let rows = rows(&rejected, None, None, 9_000, &look, 120, false);
         let text = |row: &Row| row.parts().map(|(text, _)| text).collect::<String>();

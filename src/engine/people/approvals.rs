@@ -444,12 +444,7 @@ pub(super) fn view(
 }
 
 /// What happens when a version gets worse after its activation, and what confirms it.
-fn on_drift(
-    context: &Context,
-    prompt: &PendingQuestion,
-    conditions: &[Condition],
-    in_doubt: bool,
-) -> String {
+fn on_drift(context: &Context, prompt: &PendingQuestion, conditions: &[Condition], in_doubt: bool) -> String {
     let (monitor, window) = (&context.profile.monitor, context.profile.activation.provisional_episodes);
     let back = prompt.replaces.as_ref().map_or_else(
         || "it is taken off and the family stops, for there is no way back".to_owned(),
@@ -473,11 +468,8 @@ fn on_drift(
 
 /// The live window alone settles no doubt.
 fn confirmed_after(window: u32, in_doubt: bool) -> String {
-    let settled = if in_doubt {
-        " and once the doubt it is let in with is settled on fresh evidence"
-    } else {
-        ""
-    };
+    let settled =
+        if in_doubt { " and once the doubt it is let in with is settled on fresh evidence" } else { "" };
     format!("confirmed after {window} live tasks{settled}")
 }
 

@@ -86,7 +86,10 @@ impl Pipeline {
             let body = body.to_string();
             // What was done is done, and not said to be refused; who cannot write down who asked does nothing more.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
-                self.hold(&format!("who asked for {asked} could not be put on record: {}", Fault::from(error).held()));
+                self.hold(&format!(
+                    "who asked for {asked} could not be put on record: {}",
+                    Fault::from(error).held()
+                ));
             }
         }
         reply

@@ -99,7 +99,8 @@ fn deciding(dossier: &Dossier) -> Option<Deciding> {
 /// How confined code failed on record, and in how many of the tasks, a sentence each.
 pub(crate) fn code_faults(dossier: &Dossier) -> Vec<String> {
     let Some(PermissionUse { used, tasks, .. }) = &dossier.permissions else { return Vec::new() };
-    let said = |(fault, failed): (&CodeFault, &u64)| format!("{} in {failed} of {tasks} tasks", fault_words(*fault));
+    let said =
+        |(fault, failed): (&CodeFault, &u64)| format!("{} in {failed} of {tasks} tasks", fault_words(*fault));
     used.faults.iter().map(said).collect()
 }
 
@@ -180,11 +181,7 @@ fn drill(failed: &[FailedDrill], all: u32, asked: FilmAsked) -> Result<Chosen, S
     Ok(Chosen { number, count: kept, beyond, why, found: Found::Drill(found) })
 }
 
-fn alone(
-    worked: &[AloneEpisode],
-    overrun: Option<CodeFault>,
-    asked: FilmAsked,
-) -> Result<Chosen, String> {
+fn alone(worked: &[AloneEpisode], overrun: Option<CodeFault>, asked: FilmAsked) -> Result<Chosen, String> {
     if worked.is_empty() {
         return Err("no episode that it worked alone is on record one by one".to_owned());
     }
@@ -376,7 +373,10 @@ mod tests {
         let said = |fault| stop_words(HardStop::BudgetBreach, fault);
         assert_eq!(said(Some(CodeFault::Fuel)), "its code computed beyond its budget");
         assert_eq!(said(None), HardStop::BudgetBreach.sentence());
-        assert_eq!(stop_words(HardStop::MotionAfterStop, Some(CodeFault::Fuel)), HardStop::MotionAfterStop.sentence());
+        assert_eq!(
+            stop_words(HardStop::MotionAfterStop, Some(CodeFault::Fuel)),
+            HardStop::MotionAfterStop.sentence()
+        );
     }
 
     /// Of a version that was refused for what it did to its surroundings the slowest episode was shown.

@@ -11,7 +11,9 @@ use holdpoint_protocol::film::{FilmAsked, FilmOf};
 
 use crate::dossier::Dossier;
 use crate::explain::{changes, is_in_favour};
-use crate::retake::choose::{Chosen, NOWHERE_WORSE, badness, choose, code_faults, decisive, overrun, stop_words};
+use crate::retake::choose::{
+    Chosen, NOWHERE_WORSE, badness, choose, code_faults, decisive, overrun, stop_words,
+};
 
 /// The four compatibilities, in their order.
 const CHECKS: [Dimension; 4] =

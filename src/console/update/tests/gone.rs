@@ -239,7 +239,10 @@ fn what_happened_before_is_told_and_says_where_it_begins() {
     console.tell(MsgKind::Past { events: (11..15).map(event).collect(), earlier: 8 });
     assert_eq!(story(&console).len(), 6, "{:?}", story(&console));
     let said = &console.model.notice.as_ref().unwrap().text;
-    assert!(said.contains("the engine was at work all along"), "it was this console that stood still: {said}");
+    assert!(
+        said.contains("the engine was at work all along"),
+        "it was this console that stood still: {said}"
+    );
     console.tell(MsgKind::EngineEnded(Err(EndFault::of("it has ended"))));
     console.tell(MsgKind::Seated(Some(902)));
     console.tell(MsgKind::Past { events: (0..2).map(event).collect(), earlier: 0 });

@@ -8,8 +8,7 @@ fn granted(stopped: bool) -> Snapshot {
     now.prompts[0].granted = true;
     now.prompts[0].approved_by = vec!["ana".to_owned(), "ben".to_owned()];
     now.prompts[0].deadline_ms = 1;
-    now.stopped =
-        stopped.then(|| StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
+    now.stopped = stopped.then(|| StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
     now
 }
 

@@ -267,7 +267,8 @@ fn a_queued_candidate_says_what_it_waits_for() {
     with(&mut console, |now| now.candidates = vec![at_work("align@2.0.0")]);
     assert!(!screen(&console, 120, 36).contains("waits"), "what is worked waits for nothing");
     // What was rejected while it was worked keeps nobody waiting, and has no bar any more.
-    let rejected = || CandidateView { state: State::Rejected, flags: Flags::default(), ..at_work("align@2.0.0") };
+    let rejected =
+        || CandidateView { state: State::Rejected, flags: Flags::default(), ..at_work("align@2.0.0") };
     with(&mut console, |now| {
         now.candidates[0].state = State::Validated;
         now.candidates[0].flags = Flags::default();
