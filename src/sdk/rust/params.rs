@@ -116,7 +116,12 @@ impl<'de> Deserializer<'de> for Node {
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
         match self {
-            Self::Table(fields) => visitor.visit_seq(SeqDeserializer::new(Self::places(fields)?.into_iter())),
+            Self::Table(fields) => {
+                let mut values = SeqDeserializer::new(Self::places(fields)?.into_iter());
+                let read = visitor.visit_seq(&mut values)?;
+                values.end()?;
+                Ok(read)
+            }
             Self::Value(_) => self.deserialize_any(visitor),
         }
     }
