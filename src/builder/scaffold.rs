@@ -213,6 +213,16 @@ mod tests {
                 "{name}"
             );
         }
+        assert_eq!(kit["workspace"]["lints"], main["workspace"]["lints"]);
+        // The kit's own crate has a list of its own: `unsafe` is let where it is generated, and nothing else is let that is not.
+        let own = read(sdk().join("rust/Cargo.toml"));
+        assert_eq!(own["lints"]["rust"]["unsafe_code"].as_str(), Some("deny"));
+        let (own, main) = (&own["lints"]["clippy"], &main["workspace"]["lints"]["clippy"]);
+        for (lint, level) in main.as_table().unwrap() {
+            let said = own.get(lint);
+            assert!(said == Some(level) || said.is_none() && level.as_str() == Some("allow"), "{lint}");
+        }
+        assert!(own.as_table().unwrap().keys().all(|lint| main.get(lint).is_some()));
     }
 
     #[test]

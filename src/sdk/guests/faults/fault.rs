@@ -78,8 +78,12 @@ impl Faulty {
                 scale(&mut command, (1.0 + a * above).min(c), 0.0);
             }
             Kind::Chatter => {
-                #[allow(clippy::cast_possible_truncation, reason = "a count of ticks")]
-                let side = if (self.tick / (b as u64).max(1)) % 2 == 0 { a } else { -a };
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a count of ticks"
+                )]
+                let side = if (self.tick / (b as u64).max(1)).is_multiple_of(2) { a } else { -a };
                 shift(&mut command, [side, 0.0, 0.0]);
             }
             Kind::Leak => {
