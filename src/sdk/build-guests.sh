@@ -29,16 +29,24 @@ compilers() {
 }
 
 sysroot="$("$rustc" --print sysroot)"
-export RUSTFLAGS="-Clink-arg=-zstack-size=65536 --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=/cargo \
---remap-path-prefix=$sysroot=/rust --remap-path-prefix=$(realpath "$sysroot/lib/rustlib/src/rust" 2>/dev/null || echo /none)=/rust \
---remap-path-prefix=$target=/target --remap-path-prefix=$(realpath ..)=/src --remap-path-prefix=$sdk=/src/sdk"
-cargo build --locked --release --target wasm32-unknown-unknown --target-dir "$target" -p controllers -p faults -p template
+library="$(realpath "$sysroot/lib/rustlib/src/rust" 2>/dev/null || echo /none)"
+flags=(-Clink-arg=-zstack-size=65536)
+# No place shows in the bytes: of two that fit, the later is taken.
+for place in "${CARGO_HOME:-$HOME/.cargo}=/cargo" "$sysroot=/rust" "$library=/rust" "$target=/target" \
+    "$(realpath ..)=/src" "$sdk=/src/sdk"; do
+    flags+=("--remap-path-prefix=$place")
+done
+# Encoded, for a place may have a space in its name.
+CARGO_ENCODED_RUSTFLAGS="$(IFS=$'\x1f'; echo "${flags[*]}")"
+export CARGO_ENCODED_RUSTFLAGS
+cargo build --locked --release --target wasm32-unknown-unknown --target-dir "$target" \
+    -p controllers -p faults -p template
 built="$target/wasm32-unknown-unknown/release"
 clang @templates/c/compile_flags.txt -Ic templates/c/grasp.c c/holdpoint_skill.c -o "$target/template-c.wasm"
 
 encode() {
     if [ -n "${ENCODE:-}" ]; then "$ENCODE" "$@"; return; fi
-    env -u RUSTC -u RUSTC_BOOTSTRAP -u RUSTFLAGS -u CARGO_UNSTABLE_BUILD_STD -u LD_LIBRARY_PATH \
+    env -u RUSTC -u RUSTC_BOOTSTRAP -u RUSTFLAGS -u CARGO_ENCODED_RUSTFLAGS -u CARGO_UNSTABLE_BUILD_STD -u LD_LIBRARY_PATH \
         cargo run --quiet --locked -p holdpoint-builder --example encode -- "$@"
 }
 (cd ../.. && encode "$built/controllers.wasm" "$out/controllers.wasm" "$built/faults.wasm" "$out/faults.wasm" \
