@@ -8,9 +8,6 @@ use wit_parser::Resolve;
 /// The contract.
 const WIT: &str = include_str!("../sdk/wit/skill.wit");
 
-/// What a core module exports if it can copy a run's state.
-const SAVE: &[u8] = b"holdpoint:skill/state@1.0.0#save";
-
 /// The first part of the name of a section that says which world a module is of.
 const WORLD_SECTION: &[u8] = b"component-type";
 
@@ -37,10 +34,9 @@ pub fn encode(built: Vec<u8>) -> Result<Vec<u8>, EncodeError> {
     }
     let mut module = built;
     if !contains(&module, WORLD_SECTION) {
-        let world = if contains(&module, SAVE) { "forkable" } else { "component" };
         let mut resolve = Resolve::default();
         let package = resolve.push_str("skill.wit", WIT).map_err(refused)?;
-        let world = resolve.select_world(&[package], Some(world)).map_err(refused)?;
+        let world = resolve.select_world(&[package], Some("component")).map_err(refused)?;
         embed_component_metadata(&mut module, &resolve, world, StringEncoding::UTF8).map_err(refused)?;
     }
     ComponentEncoder::default().validate(true).module(&module).and_then(|mut it| it.encode()).map_err(refused)

@@ -60,6 +60,23 @@ pub enum ComponentError {
         /// How many are allowed.
         max: usize,
     },
+    /// A component within it has functions of its own.
+    #[error(
+        "a component within the component has functions of its own; a skill is one component, and modules within it"
+    )]
+    Composed,
+    /// It may use more than there is.
+    #[error(
+        "the manifest's permissions.resources.{field} is {value}, more than there is: at most {max} are allowed"
+    )]
+    Limit {
+        /// Which one.
+        field: &'static str,
+        /// What it says.
+        value: u64,
+        /// The most.
+        max: u64,
+    },
     /// It defines a resource.
     #[error("the component defines a resource of its own; a skill's messages are plain values")]
     Resource,
@@ -197,6 +214,8 @@ impl Hint for ComponentError {
             Self::NoExport { .. } | Self::ExportType { .. } => {
                 format!("the interface {SKILL} is in src/sdk/wit/skill.wit").into()
             }
+            Self::Composed => "link its parts into one module, or into modules of one component".into(),
+            Self::Limit { .. } => "declare what the code needs: the profile allows less than there is".into(),
             Self::Undeclared { package, .. } => {
                 format!("add \"{package}\" to `deployment.imports` in manifest.toml, or build without it")
                     .into()

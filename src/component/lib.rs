@@ -33,7 +33,7 @@ extern crate self as holdpoint_component;
 #[allow(dead_code, clippy::unwrap_used, reason = "the tests beside this crate use all of it")]
 mod guest;
 
-use holdpoint_governance::manifest::Resources;
+use holdpoint_governance::manifest::{FUEL_PER_US, Resources};
 
 pub use error::{Call, ComponentError};
 pub use holdpoint_compiled::Origin;
@@ -48,20 +48,21 @@ pub use holdpoint_governance::component::COMPONENT_BYTES_MAX;
 /// The most bytes of the interface that a component describes.
 pub const INTERFACE_BYTES_MAX: usize = 64 << 10;
 
-/// The most bytes of a run's saved state.
-pub const STATE_BYTES_MAX: usize = 1 << 20;
-
-/// Ticks' budgets that each of instantiation, `describe`, `start`, `save` and `restore` has: one second of them.
+/// Ticks' budgets that each of instantiation, `describe` and `start` has: one second of them.
 pub const START_TICKS: u64 = holdpoint_body::RATE_HZ as u64;
+
+/// Of a tick's fuel, what counts while a component is asked what it is: before any profile has looked at what it declares.
+pub const DESCRIBE_FUEL_PER_TICK: u64 = 200_000;
+
+/// The most that a manifest may declare for a component, whatever a profile allows: all of a tick's time, us, and memory, bytes.
+const TICK_US_MAX: u64 = 1_000_000 / holdpoint_body::RATE_HZ as u64;
+const MEMORY_BYTES_MAX: u64 = 256 << 20;
 
 /// Ticks' budgets that `enter` has: the arm is moving when it is called.
 pub const ENTER_TICKS: u64 = 2;
 
 /// The interface that a component exports.
 const SKILL: &str = "holdpoint:skill/skill@1.0.0";
-
-/// The interface that it may export.
-const STATE: &str = "holdpoint:skill/state@1.0.0";
 
 /// The interface of their messages: it has types alone, and components name it as an import.
 const TYPES: &str = "holdpoint:skill/types@1.0.0";
@@ -80,5 +81,18 @@ impl ComponentLimits {
     #[must_use]
     pub fn of(resources: &Resources) -> Self {
         Self { fuel_per_tick: resources.fuel_per_tick(), memory_bytes: resources.memory_bytes() }
+    }
+
+    /// # Errors
+    /// If it is more than there is.
+    fn check(self) -> Result<(), ComponentError> {
+        let of = [
+            ("cpu_us_per_tick", self.fuel_per_tick / FUEL_PER_US, TICK_US_MAX),
+            ("memory_kib", self.memory_bytes >> 10, MEMORY_BYTES_MAX >> 10),
+        ];
+        match of.into_iter().find(|(_, value, max)| value > max) {
+            Some((field, value, max)) => Err(ComponentError::Limit { field, value, max }),
+            None => Ok(()),
+        }
     }
 }

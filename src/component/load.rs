@@ -20,14 +20,16 @@ use crate::machine::Machine;
 use crate::parameters;
 use crate::run::{Ended, Live, Run};
 use crate::scan::scan;
-use crate::wit::{self, skill, state, types};
-use crate::{COMPONENT_BYTES_MAX, ComponentLimits, INTERFACE_BYTES_MAX, SKILL, START_TICKS, STATE, TYPES};
+use crate::wit::{self, skill, types};
+use crate::{
+    COMPONENT_BYTES_MAX, ComponentLimits, DESCRIBE_FUEL_PER_TICK, INTERFACE_BYTES_MAX, SKILL, START_TICKS,
+    TYPES,
+};
 
 /// What a source compiles to, whatever its parameters and limits.
 pub struct Compiled {
     pub pre: InstancePre<Host>,
     pub skill: skill::GuestIndices,
-    pub state: Option<state::GuestIndices>,
     imports: BTreeSet<String>,
     origin: Origin,
 }
@@ -82,11 +84,7 @@ impl Compiled {
             move |error| ComponentError::ExportType { name: name.to_owned(), reason: reason(&error) }
         };
         let skill = skill::GuestIndices::new(&pre).map_err(missing(SKILL))?;
-        let state = match ty.get_export(engine, STATE) {
-            Some(_) => Some(state::GuestIndices::new(&pre).map_err(missing(STATE))?),
-            None => None,
-        };
-        Ok(Self { pre, skill, state, imports, origin })
+        Ok(Self { pre, skill, imports, origin })
     }
 }
 
@@ -145,15 +143,6 @@ fn exported(engine: &Engine, ty: &ComponentType) -> Result<(), ComponentError> {
             ("enter", |f, cx| f.typecheck::<(types::Hook,), ()>(cx)),
         ],
     )?;
-    if ty.get_export(engine, STATE).is_some() {
-        hold(
-            STATE,
-            &[
-                ("save", |f, cx| f.typecheck::<(), (Vec<u8>,)>(cx)),
-                ("restore", |f, cx| f.typecheck::<(&[u8],), (Result<(), String>,)>(cx)),
-            ],
-        )?;
-    }
     Ok(())
 }
 
@@ -185,6 +174,17 @@ impl Component {
         if bytes.len() > COMPONENT_BYTES_MAX {
             return Err(ComponentError::TooLarge { bytes: bytes.len() });
         }
+        limits.check()?;
+        Self::within(bytes, parameters, limits, imports)
+    }
+
+    /// As [`Self::load`], whatever the limits are.
+    pub(crate) fn within(
+        bytes: &[u8],
+        parameters: &Value,
+        limits: ComponentLimits,
+        imports: &BTreeSet<String>,
+    ) -> Result<Self, ComponentError> {
         begins(bytes)?;
         scan(bytes)?;
         let canonical = canonical_json(parameters)
@@ -262,6 +262,9 @@ fn describe(
     parameters: &[types::Parameter],
     limits: ComponentLimits,
 ) -> Result<(TaskKind, Interface), ComponentError> {
+    // Nobody has looked at what it declares: until then it has what an interface takes to say, and no more.
+    let limits =
+        ComponentLimits { fuel_per_tick: limits.fuel_per_tick.min(DESCRIBE_FUEL_PER_TICK), ..limits };
     let fuel = limits.fuel_per_tick.saturating_mul(START_TICKS);
     let failed = |call: Call| {
         move |Ended { fault, error }: Ended| match fault {

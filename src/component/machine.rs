@@ -1,12 +1,13 @@
 //! What the process has once: the engine that compiles and runs components, and what it compiled.
 
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 use std::thread;
 use std::time::Duration;
 
-use wasmtime::{Config, Engine, OptLevel};
+use wasmtime::{Config, Engine, OperatorCost, OptLevel};
 use zeroize::Zeroizing;
 
 use holdpoint_compiled::{CompiledForms, Origin};
@@ -39,10 +40,29 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// What an instruction costs. Those that the runtime carries out in a call take as long as hundreds of others, and would be had for
+/// one; what moves memory is charged by its length besides.
+const fn costs() -> OperatorCost {
+    let mut costs = OperatorCost::new();
+    costs.RefFunc = 100;
+    costs.ElemDrop = 100;
+    costs.DataDrop = 100;
+    costs.MemoryGrow = 200;
+    costs.TableGrow = 200;
+    costs.MemoryInit = 100;
+    costs.MemoryCopy = 50;
+    costs.MemoryFill = 50;
+    costs.TableInit = 100;
+    costs.TableCopy = 100;
+    costs.TableFill = 100;
+    costs
+}
+
 fn config() -> Config {
     let mut config = Config::new();
     config
         .consume_fuel(true)
+        .operator_cost(costs())
         .epoch_interruption(true)
         .cranelift_nan_canonicalization(true)
         .cranelift_opt_level(OptLevel::Speed)
@@ -102,11 +122,15 @@ impl Machine {
             return Ok(compiled);
         }
         let forms = lock(&FORMS).clone();
-        let made = match forms {
+        // What the compiler did not think of is an error of the source, and never the end of whoever asked.
+        let made = catch_unwind(AssertUnwindSafe(|| match forms {
             Some(forms) => forms.component(&self.engine, source),
             None => wasmtime::component::Component::from_binary(&self.engine, source)
                 .map(|component| (component, Origin::Compiled)),
-        };
+        }));
+        let made = made.map_err(|_| ComponentError::Invalid {
+            reason: "the compiler failed on it; nothing of it is kept".to_owned(),
+        })?;
         let (component, origin) = made.map_err(|error| ComponentError::Invalid { reason: reason(&error) })?;
         let compiled = Arc::new(Compiled::new(&self.engine, &component, origin)?);
         *kept = Arc::downgrade(&compiled);

@@ -1,6 +1,5 @@
 //! One run of a component: one store, one instance, one task.
 
-use std::cell::RefCell;
 use std::sync::Arc;
 
 use wasmtime::{Store, Trap};
@@ -12,17 +11,16 @@ use holdpoint_text::Untrusted;
 use crate::host::{Host, HostTrap, Outside};
 use crate::load::{Compiled, Loaded};
 use crate::machine::DEADLINE_EPOCHS;
-use crate::wit::{self, skill, state};
-use crate::{ComponentLimits, ENTER_TICKS, START_TICKS, STATE_BYTES_MAX};
+use crate::wit::{self, skill};
+use crate::{ComponentLimits, ENTER_TICKS, INTERFACE_BYTES_MAX, START_TICKS};
 
 /// The most bytes that one call of the code hands over, in whatever form.
-const HANDED_BYTES_MAX: usize = STATE_BYTES_MAX + (64 << 10);
+const HANDED_BYTES_MAX: usize = 2 * INTERFACE_BYTES_MAX;
 
 /// What is there as long as the code did nothing wrong.
 pub struct Live {
     store: Store<Host>,
     skill: skill::Guest,
-    state: Option<state::Guest>,
 }
 
 /// What ended a call.
@@ -47,12 +45,10 @@ impl Live {
             store.set_fuel(budget)?;
             store.set_epoch_deadline(DEADLINE_EPOCHS);
             let instance = compiled.pre.instantiate(&mut store)?;
-            let skill = compiled.skill.load(&mut store, &instance)?;
-            let state = compiled.state.as_ref().map(|state| state.load(&mut store, &instance)).transpose()?;
-            Ok((skill, state))
+            compiled.skill.load(&mut store, &instance)
         })();
         match made {
-            Ok((skill, state)) => Ok(Self { store, skill, state }),
+            Ok(skill) => Ok(Self { store, skill }),
             Err(error) => {
                 let ended = ended(store.data(), error);
                 let host = store.into_data();
@@ -112,7 +108,7 @@ struct Inner {
 /// One run of a component. It cannot fail: what its code does wrong is its [`Confined::fault`], and from there on it holds.
 pub struct Run {
     loaded: Arc<Loaded>,
-    inner: RefCell<Inner>,
+    inner: Inner,
 }
 
 impl Inner {
@@ -176,48 +172,22 @@ impl Run {
         if let Some(Err(_)) = begun {
             inner.fail(CodeFault::Answer);
         }
-        Self { loaded, inner: RefCell::new(inner) }
+        Self { loaded, inner }
     }
 
     /// What the code wrote to its output, the first [`crate::LOG_BYTES_MAX`] bytes of it.
     #[must_use]
     pub fn log(&self) -> Untrusted {
-        let inner = self.inner.borrow();
+        let inner = &self.inner;
         let outside = inner.live.as_ref().map(|live| &live.host().outside).or(inner.outside.as_ref());
         Untrusted::new(String::from_utf8_lossy(outside.map_or(&[], Outside::log)))
-    }
-
-    fn copy(&self) -> Option<Self> {
-        let mut inner = self.inner.try_borrow_mut().ok()?;
-        let loaded = self.loaded.clone();
-        let fuel = loaded.limits.fuel_per_tick.saturating_mul(START_TICKS);
-        let save = inner.live.as_ref()?.state.clone()?;
-        let saved = inner.call(fuel, false, |store, _| save.call_save(store))?;
-        if saved.len() > STATE_BYTES_MAX {
-            inner.fail(CodeFault::Answer);
-            return None;
-        }
-        let outside = inner.live.as_ref()?.host().outside.clone();
-        let mut copy = Inner::instance(&loaded, outside.clone());
-        copy.fuel_tick_max = inner.fuel_tick_max;
-        if let Some(restore) = copy.live.as_ref().and_then(|live| live.state.clone()) {
-            let restored = copy.call(fuel, false, |store, _| restore.call_restore(store, &saved));
-            if let Some(Err(_)) = restored {
-                copy.fail(CodeFault::Answer);
-            }
-        }
-        // Making an instance may have drawn numbers or written something.
-        if let Some(live) = &mut copy.live {
-            live.store.data_mut().outside = outside;
-        }
-        Some(Self { loaded, inner: RefCell::new(copy) })
     }
 }
 
 impl Skill for Run {
     fn tick(&mut self, seen: &Observation) -> Command {
         let fuel = self.loaded.limits.fuel_per_tick;
-        let inner = self.inner.get_mut();
+        let inner = &mut self.inner;
         let asked = inner.call(fuel, true, |store, skill| {
             store.data_mut().outside.tick = seen.tick;
             skill.call_tick(store, wit::observation(seen))
@@ -234,15 +204,17 @@ impl Skill for Run {
 
     fn enter(&mut self, hook: Hook) {
         let fuel = self.loaded.limits.fuel_per_tick.saturating_mul(ENTER_TICKS);
-        self.inner.get_mut().call(fuel, false, |store, skill| skill.call_enter(store, wit::hook(hook)));
+        self.inner.call(fuel, false, |store, skill| skill.call_enter(store, wit::hook(hook)));
     }
 
+    /// None: code that is asked for its state, and is given it back, knows that it is rehearsed, and its hooks could behave for as
+    /// long as they are. What begins in the middle of the work is worked again from the start.
     fn fork(&self) -> Option<Box<dyn Skill>> {
-        Some(Box::new(self.copy()?))
+        None
     }
 
     fn confined(&self) -> Confined {
-        let inner = self.inner.borrow();
+        let inner = &self.inner;
         let memory_bytes =
             inner.live.as_ref().map_or(inner.memory_largest, |live| live.host().memory_largest);
         Confined { fuel_tick_max: inner.fuel_tick_max, memory_bytes, fault: inner.fault }
@@ -265,7 +237,8 @@ mod tests {
         let limits = ComponentLimits { fuel_per_tick: u64::MAX, memory_bytes: 1 << 20 };
         let tick = "(loop (br 0)) unreachable".to_owned();
         let bytes = Guest { tick, ..Guest::default() }.bytes();
-        let component = Component::load(&bytes, &serde_json::Value::Null, limits, &BTreeSet::new()).unwrap();
+        let component =
+            Component::within(&bytes, &serde_json::Value::Null, limits, &BTreeSet::new()).unwrap();
         let mut run = component.run(1);
         let over = AtomicBool::new(false);
         std::thread::scope(|scope| {

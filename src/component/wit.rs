@@ -10,7 +10,7 @@
     reason = "generated from the WIT"
 )]
 mod bindings {
-    wasmtime::component::bindgen!({ path: "../sdk/wit", world: "forkable" });
+    wasmtime::component::bindgen!({ path: "../sdk/wit", world: "component" });
 }
 
 use holdpoint_body::{
@@ -18,7 +18,7 @@ use holdpoint_body::{
 };
 use holdpoint_skill::Hook;
 
-pub use bindings::exports::holdpoint::skill::{skill, state};
+pub use bindings::exports::holdpoint::skill::skill;
 pub use bindings::holdpoint::skill::types;
 
 /// A joint vector; the values beyond the count are 0.

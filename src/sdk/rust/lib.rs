@@ -23,8 +23,7 @@
 //! code. One instance of a component works one task, so its run is kept in one static place.
 //!
 //! `wit-bindgen` generates the exports from the contract, and its code is `unsafe`: it takes apart what the host wrote
-//! into the component's memory. Nothing that is written here is. A run's state is not saved
-//! (`holdpoint:skill/state`): a copy would need every [`Skill`] to be readable from bytes.
+//! into the component's memory. Nothing that is written here is.
 
 mod params;
 mod wit;

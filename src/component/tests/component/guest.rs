@@ -27,7 +27,6 @@ const HANDED: u32 = 1_024;
 /// The parts of a guest; each function's body is a text of instructions.
 #[derive(Clone)]
 pub struct Guest {
-    pub world: &'static str,
     pub package: String,
     pub version: &'static str,
     /// What the module imports.
@@ -49,7 +48,6 @@ impl Default for Guest {
     /// Does nothing wrong, and nothing.
     fn default() -> Self {
         Self {
-            world: "component",
             package: wit(),
             version: "1.0.0",
             import: String::new(),
@@ -112,7 +110,7 @@ impl Guest {
     pub fn bytes(&self) -> Vec<u8> {
         let mut resolve = Resolve::default();
         let package = resolve.push_str("skill.wit", &self.package).unwrap();
-        let world = resolve.select_world(&[package], Some(self.world)).unwrap();
+        let world = resolve.select_world(&[package], Some("component")).unwrap();
         let mut core = self.core();
         embed_component_metadata(&mut core, &resolve, world, StringEncoding::UTF8).unwrap();
         ComponentEncoder::default().module(&core).unwrap().encode().unwrap()

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use holdpoint_body::{CodeFault, Command};
-use holdpoint_component::{Call, Component, ComponentError};
+use holdpoint_component::{Call, Component, ComponentError, ComponentLimits};
 use holdpoint_skill::{Hook, Skill as _};
 
 use crate::guest::{Guest, LIMITS, all_is_well, seen, wit};
@@ -66,9 +66,17 @@ fn a_tick_that_goes_wrong_is_a_fault_of_its_run() {
             "(loop (memory.fill (i32.const 0) (i32.const 1) (i32.const 65536)) (br 0)) unreachable",
             CodeFault::Fuel,
         ),
+        (
+            "instructions that the runtime carries out, two thousand of them",
+            "(local.set $word (i64.const 2000))
+            (loop $again (drop (ref.func $deep)) (local.set $word (i64.sub (local.get $word) (i64.const 1)))
+                (br_if $again (i64.ne (local.get $word) (i64.const 0))))
+            (i32.const 256)",
+            CodeFault::Fuel,
+        ),
     ];
     for (what, tick, expected) in cases {
-        let more = "(table $t 1 funcref) (type $nothing (func))
+        let more = "(table $t 1 funcref) (type $nothing (func)) (elem declare func $deep)
             (func $deep (param i64) (result i32)
                 (i32.add (call $deep (i64.add (local.get 0) (i64.const 1))) (i32.const 1)))";
         let guest = Guest { tick: tick.to_owned(), more: more.to_owned(), ..Guest::default() };
@@ -337,4 +345,24 @@ fn a_package_that_is_not_declared_is_refused_whatever_is_called() {
         }
     );
     assert_eq!(fault(&reaching("(i32.const 256)").load_with(&REACHED).unwrap()), None);
+}
+
+/// Before anybody has looked at what it declares, a component is asked what it is: that is bounded by what there is.
+#[test]
+fn what_a_manifest_declares_beyond_all_reason_is_refused_before_anything_runs() {
+    let bytes = Guest { describe: FOREVER.to_owned(), ..Guest::default() }.bytes();
+    let load = |limits| {
+        Component::load(&bytes, &serde_json::Value::Null, limits, &std::collections::BTreeSet::new())
+    };
+    for (limits, field) in [
+        (ComponentLimits { fuel_per_tick: 4_167_000, ..LIMITS }, "cpu_us_per_tick is 4167"),
+        (ComponentLimits { memory_bytes: u64::from(u32::MAX) << 10, ..LIMITS }, "memory_kib is 4294967295"),
+    ] {
+        let error = load(limits).unwrap_err().to_string();
+        assert!(error.contains(field) && error.contains("are allowed"), "{error}");
+    }
+    let began = Instant::now();
+    let error = load(ComponentLimits { fuel_per_tick: 4_166_000, ..LIMITS }).unwrap_err();
+    assert!(matches!(error, ComponentError::Fuel { call: Call::Describe, .. }), "{error}");
+    assert!(began.elapsed().as_secs() < 5, "{:?}", began.elapsed());
 }
