@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use ed25519_dalek::SigningKey;
 use hmac::{Hmac, Mac};
 use sha2_of_hmac::Sha256;
 use zeroize::Zeroizing;
@@ -30,6 +31,9 @@ const CELL: &[u8] = b"holdpoint.kept-cell.v1";
 
 /// What draws are computed under.
 const DRAW: &[u8] = b"holdpoint.kept-draw.v1";
+
+/// What a store's secret is computed under, from the key that signs its record.
+const OF_STORE: &[u8] = b"holdpoint.kept-in-store.v1";
 
 /// What other secrets are computed under.
 const DERIVED: &[u8] = b"holdpoint.kept-more.v1";
@@ -58,6 +62,17 @@ impl KeptSecret {
     pub fn fresh() -> Result<Self, StoreError> {
         let key = keyfile::generate().map_err(at(Path::new("a passing secret")))?;
         Ok(Self(Arc::new(Zeroizing::new(key.to_bytes()))))
+    }
+
+    /// The secret of a store, computed from the key that signs its record. It lies in no file of its own: who put another one there
+    /// would know the secret without having read anything, and a store with another signing key is not opened.
+    ///
+    /// # Errors
+    /// None that can happen: the code takes a secret of any length.
+    pub(crate) fn of_store(key: &SigningKey) -> Result<Self, StoreError> {
+        let bytes = Zeroizing::new(key.to_bytes());
+        let mac = Hmac::<Sha256>::new_from_slice(&bytes[..]).map_err(|_| StoreError::Unknown)?;
+        Ok(Self(Arc::new(Zeroizing::new(mac.chain_update(OF_STORE).finalize().into_bytes().into()))))
     }
 
     /// The secret in a file that its owner alone can read. A missing one is made, whole or not at all, with its folder.
@@ -412,6 +427,21 @@ mod tests {
         copy.put(&key("b"), b"b").unwrap();
         assert_eq!((copy.get(&key("a")), copy.get(&key("b"))), (Found::Nothing, Found::Nothing));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "it is others' too");
+    }
+
+    /// Whoever puts a key of their own into a store's folder vouches for nothing.
+    #[test]
+    fn a_stores_secret_is_of_the_key_that_signs_its_record() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = crate::Store::open(folder.path()).unwrap();
+        let planted = keyfile::generate().unwrap();
+        let [ours, theirs] = [store.cells().secret().clone(), KeptSecret::of_store(&planted).unwrap()];
+        assert_ne!(ours.code(&key("a"), b"x").unwrap(), theirs.code(&key("a"), b"x").unwrap());
+        keyfile::write_secret(&store.layout().keys().join("cells.key"), &planted).unwrap();
+        drop(store);
+        let again = crate::Store::open(folder.path()).unwrap();
+        let code = again.cells().secret().code(&key("a"), b"x").unwrap();
+        assert_eq!(code, ours.code(&key("a"), b"x").unwrap());
     }
 
     #[test]

@@ -27,10 +27,6 @@ pub(crate) fn look_at_keys(layout: &Layout, persons: &Persons) -> Vec<Looked> {
         found.extend(open_folder(&folder));
     }
     found.push(store_keys(layout));
-    let cells = layout.cell_key();
-    if let Ok(file) = fs::symlink_metadata(&cells) {
-        found.extend(not_a_secret_file(&cells, &file));
-    }
     match names(&layout.identities()) {
         Err(problem) => found.push(bad(problem)),
         Ok((names, unfinished)) => {
@@ -55,20 +51,6 @@ fn open_folder(folder: &Path) -> Option<Looked> {
             "Others may write into the folder {folder:?} (mode {mode:04o}); `chmod 700 {}` ends that.",
             folder.display()
         ))
-    })
-}
-
-/// A secret that is no file of its own, is empty, or that others can read.
-fn not_a_secret_file(path: &Path, file: &fs::Metadata) -> Option<Looked> {
-    let mode = file.permissions().mode() & 0o7777;
-    if !file.is_file() {
-        return Some(bad(format!("{path:?} is no regular file; {RESTORE}.")));
-    }
-    if file.len() == 0 {
-        return Some(bad(format!("{path:?} is empty; remove it, and the next engine makes another.")));
-    }
-    (mode & 0o077 != 0).then(|| {
-        bad(format!("Others may read {path:?} (mode {mode:04o}); `chmod 600 {}` ends that.", path.display()))
     })
 }
 

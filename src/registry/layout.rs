@@ -75,12 +75,6 @@ impl Layout {
         self.keys().join("store.pub")
     }
 
-    /// The secret that kept cells are authenticated with.
-    #[must_use]
-    pub fn cell_key(&self) -> PathBuf {
-        self.keys().join("cells.key")
-    }
-
     /// Signed checkpoints of the audit chain.
     #[must_use]
     pub fn checkpoints(&self) -> PathBuf {
@@ -114,7 +108,21 @@ impl Layout {
     /// # Errors
     /// If it cannot be written.
     pub fn mark_stop(&self, text: &str) -> Result<(), StoreError> {
-        write_atomically(&self.stop_mark(), text.as_bytes())
+        let mark = self.stop_mark();
+        write_atomically(&mark, text.as_bytes()).or_else(|error| {
+            // On a full disk no text can be written, and an entry in the folder still can: an empty mark stops as well.
+            match OpenOptions::new()
+                .write(true)
+                .create_new(true)
+                .mode(0o600)
+                .custom_flags(NO_LINK)
+                .open(&mark)
+            {
+                Ok(_) => sync_folder(&self.folder),
+                Err(_) if fs::symlink_metadata(&mark).is_ok() => Ok(()),
+                Err(_) => Err(error),
+            }
+        })
     }
 
     /// The stop that is kept, as it was written; empty if there is one that cannot be read. `None`: there is none.
@@ -144,8 +152,10 @@ impl Layout {
             self.recordings(),
             self.logs(),
         ];
+        // Made by what keeps the first form in it.
+        let compiled = fs::symlink_metadata(self.compiled()).is_ok().then(|| self.compiled());
         let new = !self.keys().is_dir();
-        for path in folders {
+        for path in folders.into_iter().chain(compiled) {
             // What is written there would end up elsewhere. The store itself may lie behind a link.
             if path != self.folder
                 && let Ok(found) = fs::symlink_metadata(&path)

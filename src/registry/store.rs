@@ -118,7 +118,7 @@ impl Store {
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
         let (telemetry, found) = open_telemetry((&layout, limits), &connection, &fold)?;
         let telemetry = Arc::new(Mutex::new(telemetry));
-        let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_file(&layout.cell_key())?);
+        let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_store(&key)?);
         let public_key = key.verifying_key();
         let link = sign_on(&connection, &layout, (&store_id, &fold), &key)?;
         let (jobs, incoming) = sync_channel(QUEUE_MAX);

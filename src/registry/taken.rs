@@ -7,12 +7,15 @@ use ed25519_dalek::SigningKey;
 
 use super::checkpoint;
 use super::error::StoreError;
-use super::layout::{EngineLock, Layout};
+use super::layout::{EngineLock, Layout, sync_folder};
 use super::open::{damaged, other_public_key};
 use super::store::Store;
 use super::telemetry::TelemetryLimits;
 use super::views::Views;
 use holdpoint_approvals::keyfile;
+
+/// The most keys that are set aside in one store.
+const ASIDES_MAX: u32 = 99;
 
 /// See the module's head.
 #[derive(Debug)]
@@ -38,9 +41,12 @@ impl UnreadStore {
         layout.create()?;
         let lock = EngineLock::take(&layout)?;
         let created = std::fs::symlink_metadata(layout.database()).is_err();
-        if created && !checkpoint::names(&layout.checkpoints())?.is_empty() {
-            let problem = "the database is missing although there are checkpoints of it";
-            return Err(damaged(&layout.database(), problem));
+        if created {
+            if let Some(left) = left_behind(&layout)? {
+                let problem = format!("the database is missing although {left}");
+                return Err(damaged(&layout.database(), &problem));
+            }
+            set_key_aside(&layout)?;
         }
         let key = store_key(&layout, created)?;
         Ok(Self { layout, lock, key, created, limits })
@@ -69,6 +75,52 @@ impl UnreadStore {
     pub fn read(self, watch: &mut dyn FnMut(u64)) -> Result<Store, StoreError> {
         Store::on(self, watch)
     }
+}
+
+/// What tells that a store was here before, if anything does: its database was taken away, and no new history may begin in its
+/// place as if it were the same store.
+fn left_behind(layout: &Layout) -> Result<Option<&'static str>, StoreError> {
+    if !checkpoint::names(&layout.checkpoints())?.is_empty() {
+        return Ok(Some("there are checkpoints of it"));
+    }
+    let telemetry = layout.telemetry();
+    if std::fs::symlink_metadata(&telemetry).is_ok() {
+        return Ok(Some("there is the telemetry of a store"));
+    }
+    for (folder, what) in [
+        (layout.recordings(), "there are recordings of a store"),
+        (layout.compiled(), "there are compiled forms of a store"),
+    ] {
+        // A folder that is not there has nothing in it.
+        let holds = std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_some());
+        if holds {
+            return Ok(Some(what));
+        }
+    }
+    Ok(None)
+}
+
+/// A new store gets a key of its own, and with it a name of its own. A key that lies there, of a store whose creation was cut
+/// off or of one that was taken away, is set aside and not thrown away: a backup may yet need it.
+fn set_key_aside(layout: &Layout) -> Result<(), StoreError> {
+    for path in [layout.store_key(), layout.store_public_key()] {
+        if std::fs::symlink_metadata(&path).is_err() {
+            continue;
+        }
+        let asides =
+            (1..=ASIDES_MAX).map(|turn| path.with_extension(format!("{}.aside-{turn}", ending(&path))));
+        let free = asides.into_iter().find(|aside| std::fs::symlink_metadata(aside).is_err());
+        let Some(free) = free else {
+            let problem = format!("{ASIDES_MAX} keys were set aside already; remove some");
+            return Err(damaged(&path, &problem));
+        };
+        std::fs::rename(&path, &free).map_err(StoreError::io("set aside", &path))?;
+    }
+    sync_folder(&layout.keys())
+}
+
+fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().into_owned())
 }
 
 /// The store's signing key; a new one only for a new store.

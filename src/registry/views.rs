@@ -13,6 +13,7 @@ use super::audit::{self, ExportError, Head};
 use super::change::ApprovalRequest;
 use super::check::{Reading, open_checked};
 use super::columns::{conversion, parsed, parsed_option};
+use super::compare::is_lost;
 use super::entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, Course, EvidenceEntry, FamilyStatus,
     VersionDetail, VersionFilter,
@@ -277,11 +278,16 @@ impl Views {
     pub fn approvals(&self, id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError> {
         let sql =
             "SELECT signed, consumed_seq, at_ms FROM approval WHERE version = ?1 ORDER BY seq LIMIT 10000";
-        many(&self.connection, sql, [id.to_string()], |row| {
+        let found = many(&self.connection, sql, [id.to_string()], |row| {
             let text: String = row.get(0)?;
+            // The mark of a rebuild for a text that was lost counts as no approval.
+            if is_lost(&text) {
+                return Ok(None);
+            }
             let signed = serde_json::from_str(&text).map_err(|error| conversion(0, error))?;
-            Ok(ApprovalEntry { signed, consumed_seq: row.get(1)?, at_ms: row.get(2)? })
-        })
+            Ok(Some(ApprovalEntry { signed, consumed_seq: row.get(1)?, at_ms: row.get(2)? }))
+        })?;
+        Ok(found.into_iter().flatten().collect())
     }
 
     /// Whose keys may decide, and might once: each act is checked again.

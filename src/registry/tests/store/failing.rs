@@ -88,7 +88,7 @@ fn run(folder: &Path, more: u64, (call, error, when): (&str, &str, &str)) -> Str
             command.arg("-P").arg(folder.join(format!("{file}{ending}")));
         }
     }
-    for file in ["checkpoints", "keys", "keys/store.key.part", "keys/store.pub.part", "keys/cells.key.part"] {
+    for file in ["checkpoints", "keys", "keys/store.key.part", "keys/store.pub.part"] {
         command.arg("-P").arg(folder.join(file));
     }
     command.args(["-e", &format!("trace={call}"), "-e", &format!("inject={call}:error={error}:when={when}")]);

@@ -42,10 +42,11 @@ fn a_store_is_there_again() {
 /// Nothing is written through a link that somebody put in the place of one of the store's folders.
 #[test]
 fn a_link_in_the_place_of_a_folder_is_refused() {
-    for name in ["keys", "keys/identities", "checkpoints", "recordings", "logs"] {
+    for name in ["keys", "keys/identities", "checkpoints", "recordings", "logs", "compiled"] {
         let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         made(folder.path());
         let place = folder.path().join(name);
+        fs::create_dir_all(&place).unwrap();
         let there = elsewhere.path().join("there");
         fs::rename(&place, &there).unwrap();
         let before = fs::read_dir(&there).unwrap().count();
@@ -238,6 +239,52 @@ fn a_folder_that_cannot_be_used_is_named() {
             "{error}"
         );
     }
+}
+
+/// Who takes the database away has not a new history signed by the same store.
+#[test]
+fn no_new_history_begins_in_the_place_of_one_that_was_taken_away() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path());
+    let layout = holdpoint_registry::Layout::new(folder.path());
+    let before = fs::read(layout.store_key()).unwrap();
+    let refused = |left: &str| {
+        let error = Store::open(folder.path()).expect_err(left).sentence();
+        assert!(error.contains("the database is missing although") && error.contains(left), "{error}");
+    };
+    let removed = |path: &Path| fs::remove_file(path).unwrap();
+    removed(&layout.database());
+    refused("there are checkpoints");
+    for entry in fs::read_dir(layout.checkpoints()).unwrap() {
+        removed(&entry.unwrap().path());
+    }
+    refused("there is the telemetry");
+    removed(&layout.telemetry());
+    fs::create_dir_all(layout.compiled()).unwrap();
+    fs::write(layout.compiled().join("form"), "x").unwrap();
+    refused("there are compiled forms");
+    removed(&layout.compiled().join("form"));
+    // Of what is left nothing was ever signed: the new store is another one, and the key is kept for whoever has a backup.
+    let store = open(folder.path());
+    assert!(store.opening().created);
+    assert_ne!(fs::read(layout.store_key()).unwrap(), before);
+    assert_eq!(fs::read(layout.keys().join("store.key.aside-1")).unwrap(), before);
+}
+
+/// A stop stays beside the database even where its words cannot be written.
+#[test]
+fn a_stop_that_has_no_room_for_its_words_is_marked_all_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let layout = holdpoint_registry::Layout::new(folder.path());
+    layout.create().unwrap();
+    assert_eq!(layout.marked_stop(), None);
+    // Nothing can be written beside it first, as on a full disk.
+    fs::create_dir(folder.path().join("stop.part")).unwrap();
+    layout.mark_stop("{}").unwrap();
+    assert_eq!(layout.marked_stop().as_deref(), Some(""));
+    layout.mark_stop("{}").unwrap();
+    layout.unmark_stop();
+    assert_eq!(layout.marked_stop(), None);
 }
 
 #[test]

@@ -4,7 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{AuditFilter, Rebuilt, Store, StoreError, UnsignedRecords, Views, rebuild, verify};
+use holdpoint_registry::{
+    AuditFilter, Rebuilt, Store, StoreError, UnsignedRecords, VersionFilter, Views, rebuild, verify,
+};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 use rusqlite::types::Value;
@@ -94,7 +96,12 @@ fn what_was_edited_is_as_it_was_and_the_rebuild_is_on_record() {
                         assert_eq!((&after, &rebuilt.lost), (&before, &Vec::new()), "{what}");
                     }
                     verify(&database, None).unwrap_or_else(|error| panic!("{what}: {error}"));
-                    drop(open(folder.path()));
+                    let store = open(folder.path());
+                    let views = store.views().unwrap();
+                    for version in views.versions(&VersionFilter::default()).unwrap().0 {
+                        views.approvals(&version.version).unwrap_or_else(|error| panic!("{what}: {error}"));
+                    }
+                    drop((views, store));
                     fs::remove_file(folder.path().join(&rebuilt.kept_as)).unwrap();
                 }
             }

@@ -232,6 +232,8 @@ fn voided_cells_are_gone_and_new_ones_are_kept() {
 fn episodes_of_an_older_schema_are_no_cells() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("telemetry.db");
+    drop(open(folder.path()));
+    std::fs::remove_file(&path).unwrap();
     let older = Connection::open(&path).unwrap();
     older.execute_batch(include_str!("../../schema/telemetry-1.sql")).unwrap();
     older.pragma_update(None, "application_id", 0x4850_5432).unwrap();
