@@ -9,11 +9,11 @@ use std::collections::BTreeSet;
 use holdpoint_body::FailureSignal;
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, admits};
-use holdpoint_governance::decision::Reason;
+use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::{Family, NameError};
 use holdpoint_governance::interface::declared::{self, held_against};
 use holdpoint_governance::interface::{self, InterfaceInput, Registered};
-use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome};
+use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::Profile;
@@ -167,17 +167,7 @@ pub(crate) fn assess(
         (Some(candidate), Some(active)) => behavior::estimate(candidate, active, profile),
         _ => behavior::nothing("not measured yet: the sandbox is to come"),
     };
-    let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
-    let exports = candidate.bundle.interface();
-    let recovery = recovery::static_part(&StaticInput {
-        manifest: &candidate.manifest,
-        exports: Some(&exports),
-        // The active version was loaded from the store, its digest compared with the recorded one.
-        predecessor_loads: Some(active.is_some()),
-        predecessor_digest_true: Some(active.is_some()),
-        fallback_resolves,
-        watcher_knows: &watched,
-    });
+    let recovery = declared_recovery(candidate, active.is_some(), fallback_resolves);
     let declared = candidate.submission.interface_changes.clone();
     StaticAssessment {
         asks_more: found.asks_more,
@@ -189,6 +179,25 @@ pub(crate) fn assess(
             recovery,
         },
     }
+}
+
+/// What is declared of recovery, as far as it can be told without a drill.
+fn declared_recovery(
+    candidate: &Capability,
+    has_active: bool,
+    fallback_resolves: Option<bool>,
+) -> Assessment<RecoveryOutcome> {
+    let watched: BTreeSet<FailureSignal> = FailureSignal::ALL.into_iter().collect();
+    let exports = candidate.bundle.interface();
+    recovery::static_part(&StaticInput {
+        manifest: &candidate.manifest,
+        exports: Some(&exports),
+        // The active version was loaded from the store, its digest compared with the recorded one.
+        predecessor_loads: Some(has_active),
+        predecessor_digest_true: Some(has_active),
+        fallback_resolves,
+        watcher_knows: &watched,
+    })
 }
 
 /// The versions that a folder is judged among.
@@ -256,6 +265,22 @@ impl Standing {
             (Some(active), false) => format!("{}, built in: there is no store", active.id()),
             (None, _) => "nothing: no version of its family is active in the store".to_owned(),
         }
+    }
+
+    /// What of a version's recovery is declared and cannot be had: every drill of it would fail.
+    #[must_use]
+    pub fn recovery(&self, candidate: &Capability) -> Vec<Reason> {
+        let resolves = candidate.manifest.recovery.fallback.as_ref().map(|binding| {
+            self.registered
+                .iter()
+                .any(|one| one.id.family == binding.family && binding.version.matches(&one.id.version))
+        });
+        let has_active = self.active(&candidate.id().family).is_some();
+        let found = declared_recovery(candidate, has_active, resolves);
+        let is_wrong = |reason: &Reason| {
+            !matches!(reason.code, ReasonCode::RecoveryNoData | ReasonCode::RecoveryCompatible)
+        };
+        found.reasons.into_iter().filter(is_wrong).collect()
     }
 
     /// Judges a version against the active one of its family, under each of these profiles and its policies.

@@ -133,6 +133,18 @@ fn take_in(engine: &mut Engine, reports: Vec<Report>) {
     for report in reports {
         match report {
             Report::Closed(closed) => {
+                let views = engine.pipeline.record().ledger().store().views();
+                let found = views.map_err(|error| error.sentence()).and_then(|views| {
+                    recordings::contradiction(&views, &closed).map_err(|error| error.sentence())
+                });
+                match found {
+                    Ok(None) => {}
+                    Ok(Some(why)) | Err(why) => {
+                        let text = format!("{} is not put on record: {why}", closed.file);
+                        engine.pipeline.tell_scene(text, true);
+                        continue;
+                    }
+                }
                 if let Err(text) = put_on_record(engine, closed) {
                     engine.fail(&format!("the digest of a recording cannot be put on record: {text}"));
                 }

@@ -1,9 +1,13 @@
 //! What a store's audit chain says of recordings.
 
-use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_recordings::record::{KIND, OnRecord, REMOVED_KIND, RecordError};
+use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd};
+use holdpoint_governance::words::Word;
+use holdpoint_protocol::sink::Closed;
+use holdpoint_recordings::folder::Name;
+use holdpoint_recordings::record::{KIND, OnRecord, REMOVED_KIND, RecordError, Standing};
 use holdpoint_registry::{AuditFilter, PAGE_ROWS_MAX, StoreError, Views};
 use holdpoint_text::Hint;
+use serde::Deserialize;
 use std::borrow::Cow;
 
 /// Why the records cannot be told.
@@ -59,4 +63,46 @@ fn of_kind(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreErr
             return Ok(all);
         }
     }
+}
+
+/// Why a recording is not what the store's own record says, if so. Whoever can write the folder can put a file there: it counts
+/// only with the name of a candidate that is registered, and beside an upgrade of it that ended as the file says and has no
+/// recording yet.
+///
+/// # Errors
+/// [`OnRecordError`].
+pub fn contradiction(views: &Views, closed: &Closed) -> Result<Option<String>, OnRecordError> {
+    let Closed { version, outcome, file, .. } = closed;
+    let Some(name) = Name::parse(file).filter(|name| name.version == *version) else {
+        return Ok(Some(format!("its name is not that of a recording of {version}")));
+    };
+    let Some(registered) = views.version(version)? else {
+        return Ok(Some(format!("{version} is not registered")));
+    };
+    if !registered.candidate_digest.to_string().starts_with(&name.digest_start) {
+        return Ok(Some(format!("its name has not the digest of {version}")));
+    }
+    let closings = views.audit(&AuditFilter {
+        kind: Some(RecordKind::AuditClosed),
+        subject: Some(version.to_string()),
+        ..AuditFilter::default()
+    })?;
+    let ended = |record: &&AuditRecord| {
+        serde_json::from_str::<Closing>(&record.body).is_ok_and(|closing| closing.outcome == *outcome)
+    };
+    let ended = closings.iter().filter(ended).count();
+    let of_these = |(file, standing): &(String, Standing)| {
+        Name::parse(file).is_some_and(|name| name.version == *version)
+            && standing.recorded.as_ref().is_some_and(|kept| kept.outcome == *outcome)
+    };
+    let kept = on_record(views)?.0.into_iter().filter(of_these).count();
+    Ok((kept >= ended).then(|| {
+        format!("{ended} upgrades of {version} ended as {outcome}, and {kept} recordings of them are kept")
+    }))
+}
+
+/// What is read of the record of an upgrade's end.
+#[derive(Deserialize)]
+struct Closing {
+    outcome: Word<UpgradeEnd>,
 }

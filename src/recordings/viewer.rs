@@ -18,6 +18,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
 
 use holdpoint_text::Hint;
+use holdpoint_text::file::{NO_LINK, regular};
 
 /// The oldest viewer that reads what this program writes.
 pub const OLDEST: ViewerVersion = ViewerVersion([0, 36, 0]);
@@ -208,7 +209,13 @@ fn reap(mut child: Child) -> std::io::Result<Receiver<bool>> {
 
 /// A log that is added to, until it is large.
 fn open_log(path: &Path) -> std::io::Result<File> {
-    let file = OpenOptions::new().append(true).create(true).mode(0o600).open(path)?;
+    let file = OpenOptions::new()
+        .append(true)
+        .create(true)
+        .mode(0o600)
+        .custom_flags(NO_LINK)
+        .open(path)
+        .and_then(regular)?;
     if file.metadata()?.len() > LOG_BYTES_MAX {
         file.set_len(0)?;
     }

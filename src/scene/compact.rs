@@ -23,6 +23,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::words::Word;
 use holdpoint_text::Untrusted;
+use holdpoint_text::file::anew;
 
 /// A file that is ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,7 +99,7 @@ pub fn write_all(stem: &str, chunks: Vec<Chunk>, into: &Path) -> io::Result<Ende
 }
 
 fn write_beside(stem: &str, chunks: Vec<Chunk>, beside: &Path) -> io::Result<EndedFile> {
-    let file = BufWriter::new(Summed { file: File::create(beside)?, sum: Sha256::new(), bytes: 0 });
+    let file = BufWriter::new(Summed { file: anew(beside)?, sum: Sha256::new(), bytes: 0 });
     let mut framed = Framed::indexed(file)?;
     let store = store(stem);
     let mut ids = Ids::of_segment(LAST_SEGMENT + 1);

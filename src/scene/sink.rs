@@ -20,6 +20,7 @@ use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::{Pictures, Report, Serve, Sink};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::Hint;
+use holdpoint_text::file::anew;
 
 /// The running sink. Dropped, it ends by itself and nobody waits for it.
 #[derive(Debug)]
@@ -118,7 +119,7 @@ fn open(path: &Path) -> std::io::Result<File> {
     if cfg!(debug_assertions) && full() {
         return File::options().write(true).open("/dev/full");
     }
-    File::create(path)
+    anew(path)
 }
 
 impl Drop for Scenes {

@@ -36,6 +36,19 @@ pub fn regular(file: File) -> io::Result<File> {
     Err(io::Error::new(ErrorKind::InvalidInput, "it is no regular file, and only those are read"))
 }
 
+/// Makes a file anew. What lies there is removed and never written through: it may be a link to something else,
+/// or a pipe.
+///
+/// # Errors
+/// If what lies there cannot be removed, as a folder, or the file not be made.
+pub fn anew(path: &Path) -> io::Result<File> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+        Ok(()) | Err(_) => {}
+    }
+    OpenOptions::new().read(true).write(true).create_new(true).open(path)
+}
+
 /// What something is that is no regular file, for people.
 #[must_use]
 pub fn kind_of(found: &Metadata) -> &'static str {
@@ -81,6 +94,24 @@ pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_is_written_through_what_lies_where_a_file_is_made() {
+        use std::io::Write as _;
+        let folder = tempfile::tempdir().unwrap();
+        let [file, other, pipe] = ["file", "other", "pipe"].map(|name| folder.path().join(name));
+        std::fs::write(&other, "kept").unwrap();
+        std::os::unix::fs::symlink(&other, &file).unwrap();
+        anew(&file).unwrap().write_all(b"new").unwrap();
+        assert_eq!(
+            (read_text(&file, 9).unwrap(), read_text(&other, 9).unwrap()),
+            ("new".into(), "kept".into())
+        );
+        rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR).unwrap();
+        anew(&pipe).unwrap();
+        assert_eq!(read_text(&pipe, 9).unwrap(), "");
+        anew(folder.path()).unwrap_err();
+    }
 
     #[test]
     fn regular_files_of_so_many_bytes_are_read_and_nothing_else() {

@@ -9,7 +9,7 @@ use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::recordings::folder;
 use holdpoint::recordings::recording::Recording;
-use holdpoint::registry::Layout;
+use holdpoint::registry::{Layout, Views};
 use holdpoint::scene::{self, SceneConfig, Scenes};
 
 /// Longer than anything here takes.
@@ -103,6 +103,21 @@ fn a_recording_tells_what_happened_and_changes_nothing() {
     }
     let verified = holdpoint().args(["recordings", "verify", "--data"]).arg(kept.path()).output().unwrap();
     assert!(verified.status.success(), "{verified:?}");
+
+    // What somebody puts beside it is signed by nobody: under no recording's name, under another version's, under its own.
+    let planted =
+        ["evil.rrd".to_owned(), file.replace(".rrd", ".2.rrd"), "grasp-9.9.9-deadbeef.rrd".to_owned()];
+    for name in &planted {
+        std::fs::copy(&path, path.with_file_name(name)).unwrap();
+    }
+    let again = holdpoint().args(["run", "--plain", "--data"]).arg(kept.path()).output().unwrap();
+    let told = String::from_utf8_lossy(&again.stdout).into_owned();
+    let views = Views::open(&Layout::new(kept.path()).database()).unwrap();
+    let on_record = holdpoint::engine::recordings::on_record(&views).unwrap().0;
+    assert_eq!(on_record.keys().collect::<Vec<_>>(), [&file], "{told}");
+    for name in &planted {
+        std::fs::remove_file(path.with_file_name(name)).unwrap();
+    }
 
     // What was not refused in the sandbox has pictures of the live cell alone.
     assert!(recording.films.is_empty(), "{:?}", recording.films);
