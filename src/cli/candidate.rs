@@ -156,6 +156,8 @@ struct CandidateReport {
     against: String,
     /// Profile by profile; a site's own by class and name.
     verdicts: Vec<CheckVerdict>,
+    /// What is declared of recovery and cannot be had, whatever the profile.
+    recovery: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -292,6 +294,7 @@ fn check(
         summary: submission.summary.as_str().into(),
         against: standing.described(&candidate.id().family),
         verdicts,
+        recovery: standing.recovery(candidate).iter().map(ToString::to_string).collect(),
     };
     out.answer(&checked, |out| {
         out.line(&format!("{} is well formed", checked.id))?;
@@ -309,6 +312,9 @@ fn check(
             for reason in &verdict.reasons {
                 out.line(&format!("           {reason}"))?;
             }
+        }
+        for reason in &checked.recovery {
+            out.line(&format!("recovery   its drills cannot pass: {reason}"))?;
         }
         Ok(())
     })?;

@@ -37,6 +37,8 @@ struct TestReport {
     seeds: [u64; 2],
     /// Profile by profile: whether the static rules admit it, and what they say.
     admitted: Vec<Admitted>,
+    /// What is declared of recovery and cannot be had.
+    recovery: Vec<String>,
     episodes: Vec<Episode>,
     /// The largest of all episodes.
     used: PermissionsUsed,
@@ -114,11 +116,13 @@ pub(super) fn test(args: &TestArgs, out: &mut Output<'_>) -> Result<Exit, CliErr
     tick_ns.sort_unstable();
     let candidate = tryout.candidate();
     let resources = &candidate.manifest.permissions.resources;
+    let standing = Standing::commissioned().map_err(CliError::internal)?;
     let report = TestReport {
         id: candidate.id().to_string(),
         bundle: candidate.manifest.deployment.bundle.clone().into(),
         seeds: [args.seed, last],
-        admitted: admitted(candidate)?,
+        admitted: admitted(&standing, candidate)?,
+        recovery: standing.recovery(candidate).iter().map(ToString::to_string).collect(),
         episodes,
         used,
         declared: Declared { cpu_us_per_tick: resources.cpu_us_per_tick, memory_kib: resources.memory_kib },
@@ -143,8 +147,7 @@ fn worked(tryout: &Tryout, worker: &mut Worker, seed: u64) -> (TaskRecord, Measu
 }
 
 /// What the static rules say of it beside the commissioned versions, as at its registration.
-fn admitted(candidate: &Capability) -> Result<Vec<Admitted>, CliError> {
-    let standing = Standing::commissioned().map_err(CliError::internal)?;
+fn admitted(standing: &Standing, candidate: &Capability) -> Result<Vec<Admitted>, CliError> {
     let profiles: Vec<ChosenProfile> = ProfileName::ALL.into_iter().map(ChosenProfile::from).collect();
     let judged = standing.judge(candidate, &profiles).map_err(CliError::internal)?;
     let one = |(profile, found): (Profile, StaticFindings)| Admitted {
@@ -174,6 +177,9 @@ fn lines(report: &TestReport, out: &mut Output<'_>) -> Result<(), CliError> {
         let verdict = if one.runs { "admitted by the static rules" } else { "NOT ADMITTED" };
         out.line(&format!("in {:<8} {verdict}", one.profile.name()))?;
         one.reasons.iter().try_for_each(|reason| out.paragraph("            ", reason))?;
+    }
+    for reason in &report.recovery {
+        out.paragraph("recovery    ", &format!("its drills cannot pass: {reason}"))?;
     }
     let count = |is: fn(&Episode) -> bool| report.episodes.iter().filter(|one| is(one)).count();
     let mean_s = report.episodes.iter().map(|one| one.time_s).sum::<f64>() / report.episodes.len() as f64;
