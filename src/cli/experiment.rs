@@ -9,7 +9,7 @@ use clap::{Args, Subcommand};
 
 use super::kept::CacheKeyArgs;
 use super::output::Table;
-use super::paper::{self, PaperArgs};
+use super::paper::{self, PaperArgs, ReportArgs};
 use super::per_candidate::{self, PerCandidateArgs};
 use super::run::JOBS_MAX;
 use super::truth::{self, TruthArgs};
@@ -63,6 +63,8 @@ pub enum Which {
     Ablation(PaperArgs),
     /// All of the paper's experiments, one after the other.
     All(PaperArgs),
+    /// Writes a report again from its raw rows alone; nothing is worked.
+    Report(ReportArgs),
     /// What candidates really are, by what the referee sees of them, and how decisions stand to it.
     Truth(TruthArgs),
 }
@@ -115,6 +117,7 @@ pub fn run(args: &ExperimentArgs, out: &mut Output<'_>) -> Result<Exit, CliError
         Which::Overhead(args) => paper::run(args, Part::Overhead, out),
         Which::Ablation(args) => paper::run(args, Part::Ablation, out),
         Which::All(args) => paper::run(args, Part::All, out),
+        Which::Report(args) => paper::write_again(args, out),
         Which::Truth(args) => truth::run(args, out),
     }
 }

@@ -13,8 +13,8 @@ use super::truth::shard;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_lab::experiment::ExperimentError;
-use holdpoint_lab::paper::run::{self, Part, Plan};
-use holdpoint_lab::paper::{Ground, Preset};
+use holdpoint_lab::paper::run::{self, Outcome, Part, Plan};
+use holdpoint_lab::paper::{Ground, Preset, report};
 use holdpoint_text::{Hint, WIDTH_MAX, sanitise};
 
 /// How much is worked.
@@ -81,6 +81,25 @@ pub struct PaperArgs {
     pub cache_key: CacheKeyArgs,
 }
 
+/// The arguments of `experiment report`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Example:
+  holdpoint experiment report --out recordings/reports/claims-rounds")]
+pub struct ReportArgs {
+    /// The report's folder: report.toml and the rows that it names; the report beside them is written anew.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// Writes a report again from its raw rows and says what came out.
+///
+/// # Errors
+/// If a file cannot be used, or has a line that is not allowed.
+pub fn write_again(args: &ReportArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
+    said(&Outcome { summary: report::write(&args.out).map_err(failed)? }, out)
+}
+
 /// Runs the experiments and says what came out.
 ///
 /// # Errors
@@ -109,12 +128,15 @@ pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, C
     let tell = |line: &str| {
         let _ = writeln!(std::io::stderr().lock(), "{}", sanitise(line, WIDTH_MAX));
     };
-    let report = run::run(&ground, &plan, &tell).map_err(failed)?;
+    said(&run::run(&ground, &plan, &tell).map_err(failed)?, out)
+}
+
+fn said(outcome: &Outcome, out: &mut Output<'_>) -> Result<Exit, CliError> {
     if out.is_json() {
-        out.json(&report)?;
+        out.json(outcome)?;
         return Ok(Exit::Confirmed);
     }
-    for line in &report.summary {
+    for line in &outcome.summary {
         out.line(line)?;
     }
     Ok(Exit::Confirmed)
@@ -122,7 +144,9 @@ pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, C
 
 fn failed(error: ExperimentError) -> CliError {
     match &error {
-        ExperimentError::Option { .. } | ExperimentError::File { .. } => CliError::usage(error),
+        ExperimentError::Option { .. } | ExperimentError::File { .. } | ExperimentError::Text(_) => {
+            CliError::usage(error)
+        }
         _ => CliError::internal(error.sentence()),
     }
 }

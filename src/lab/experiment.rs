@@ -54,6 +54,9 @@ pub enum ExperimentError {
     /// The plot could not be drawn.
     #[error("the plot cannot be drawn: {0}")]
     Plot(String),
+    /// A file of a report cannot be read: which, where, what it has, and what is allowed.
+    #[error("{0}")]
+    Text(String),
     /// Something that cannot be is.
     #[error("{0}")]
     Unexpected(String),
@@ -73,6 +76,7 @@ impl Hint for ExperimentError {
             | Self::Candidate { .. }
             | Self::Json(_)
             | Self::Plot(_)
+            | Self::Text(_)
             | Self::Unexpected(_) => None,
         }
     }

@@ -18,6 +18,7 @@ pub mod printed;
 pub mod regression;
 pub mod report;
 pub mod rounds;
+pub mod rows;
 pub mod run;
 pub mod screen;
 pub mod sections;

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::drift_run::{CellResult, CellRun, DriftSetting, activate, candidate_of, drifts};
 use super::{ExperimentError, Tell, drift_report, kept};
@@ -47,7 +47,8 @@ pub struct DriftOptions {
 }
 
 /// The median, the ninetieth percentile and the largest of so many values.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Spread {
     pub n: u64,
     pub median: f64,
@@ -72,7 +73,8 @@ impl Spread {
 }
 
 /// What one drift in one magnitude came to. Shares have Wilson intervals at 95 %.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct DriftCell {
     pub kind: DriftKind,
     pub magnitude: Magnitude,
@@ -112,7 +114,8 @@ pub struct DriftCell {
     pub unsafe_after: Proportion,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct DriftReport {
     /// Digest of profile, cell, versions and sizes.
     pub setting: Digest,

@@ -1,6 +1,6 @@
 //! The raw cells as CSV: every number of the report can be computed from them again.
 
-use super::regression::{Regression, found};
+use super::regression::Regression;
 use super::screen::ScreenRow;
 use super::{Arm, RoundRow};
 use crate::experiment::layer::LayerRow;
@@ -31,8 +31,7 @@ fn field(text: &str) -> String {
     if clean.contains(',') { format!("\"{clean}\"") } else { clean }
 }
 
-/// The fields of a line that this module wrote.
-#[cfg(feature = "parquet")]
+/// The fields of a line that this module wrote: no quote stands within a field.
 #[must_use]
 pub fn fields(line: &str) -> Vec<String> {
     let mut found = vec![String::new()];
@@ -150,9 +149,7 @@ pub fn pools(rows: &[ScreenRow]) -> String {
             flag(end.restricted).to_owned(),
         ];
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4}"));
-        for place in 0..4 {
-            fields.push(number(end.dimensions.get(place).and_then(|dimension| dimension.kappa)));
-        }
+        fields.extend(end.kappas.map(number));
         fields.push(number(end.composite));
         let effort = &end.effort;
         let counts = [effort.sandbox, effort.sandbox_budget, effort.shadow, effort.live];
@@ -161,10 +158,9 @@ pub fn pools(rows: &[ScreenRow]) -> String {
         let counts = [after.decisions, after.equal, after.live, after.done, after.violation, after.near];
         fields.extend(counts.map(|count| count.to_string()));
         fields.push(flag(after.unsafe_seen).to_owned());
-        let found: Vec<&str> = found(end).into_iter().map(Regression::name).collect();
+        let found: Vec<&str> = end.found.iter().map(|one| Regression::name(*one)).collect();
         fields.push(found.join(";"));
-        let last = end.stages.last().and_then(|stage| stage.reasons.first());
-        fields.push(last.map_or_else(String::new, |reason| reason.code.to_string()));
+        fields.push(end.first_reason.clone().unwrap_or_default());
         text.push_str(&fields.join(","));
         text.push('\n');
     }

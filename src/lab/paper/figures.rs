@@ -14,8 +14,8 @@ use crate::pool::Class;
 use crate::truth::HarmClass;
 
 /// Resamples of an interval, and the seed that they are drawn from.
-const RESAMPLES: usize = 10_000;
-const RESAMPLE_SEED: u64 = 20_250;
+pub const RESAMPLES: usize = 10_000;
+pub const RESAMPLE_SEED: u64 = 20_250;
 
 /// The share of some sequences, percent.
 fn share(score: &Score, of: fn(&Score) -> u64) -> f64 {
@@ -226,8 +226,7 @@ pub const ABLATION: [Ablated; 8] = [
         variant: Variant::NoRecovery,
         end: same,
         derived: |row| {
-            let last = row.end.stages.last().and_then(|stage| stage.reasons.first());
-            let by_recovery = last.is_some_and(|reason| reason.code.to_string().starts_with("recovery"));
+            let by_recovery = row.end.first_reason.as_ref().is_some_and(|code| code.starts_with("recovery"));
             if by_recovery { let_through(row, Stage::Sandbox) } else { row.end.fate }
         },
     },

@@ -4,16 +4,13 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
 use holdpoint_plot::escaped;
 
-use super::figures::Comparison;
+use super::figures::{Comparison, last_round};
 use super::printed::Printed;
-use super::run::Plan;
+use super::rows::{About, Rows};
 use super::screen::{ScreenRow, Variant};
 use super::sections::{self, Section, seeds_in};
-use super::{RoundRow, csv};
-use crate::experiment::layer::LayerRow;
 use crate::experiment::{ExperimentError, write_whole};
 
 /// How the page looks, and how its tables are sorted by a click.
@@ -53,56 +50,47 @@ const VALIDITY: [(&str, &str); 4] = [
     ),
 ];
 
-/// Writes everything: `report.md`, `report.html`, plots, `rounds.csv`, `pools.csv`, `layer.csv`, `tests.csv`. Gives back the lines of the
-/// first page.
+/// Writes the report of a folder's raw rows: `report.md`, `report.html`, plots, `tests.csv`. Gives back the lines of the first
+/// page.
 ///
 /// # Errors
-/// If a number cannot be computed or a file not be written.
-pub fn write(
-    plan: &Plan,
-    rounds: &[RoundRow],
-    pools: &[ScreenRow],
-    layers: &[LayerRow],
-    more: Vec<Section>,
-) -> Result<Vec<String>, ExperimentError> {
-    let out = plan.out.as_path();
-    std::fs::create_dir_all(out).map_err(ExperimentError::file(out))?;
+/// If the rows cannot be read, a number not be computed or a file not be written.
+pub fn write(folder: &Path) -> Result<Vec<String>, ExperimentError> {
+    let (about, rows) = Rows::read(folder)?;
+    let Rows { rounds, pools, layers, drift } = &rows;
     let printed = Printed::builtin()?;
     let ablated = of_ablated_seeds(pools);
-    let of = plan.preset.size().seeds;
+    let of = about.preset.size().seeds;
     let [of_pools, of_ablated] = [pools, &ablated].map(|rows| seeds_in(rows, |row| row.seed));
+    let of_rounds = seeds_in(rounds, |row| row.seed);
     let mut all = vec![
         sections::screening(pools, &printed)?.of_seeds(of_pools, of),
-        sections::deployment(rounds, &printed)?.of_seeds(seeds_in(rounds, |row| row.seed), of),
+        sections::deployment(rounds, &printed)?.of_seeds(of_rounds, of),
         sections::shadow(&ablated, &printed)?.of_seeds(of_ablated, of),
     ];
-    all.extend(more);
+    if let Some(drift) = drift {
+        let runs = usize::try_from(drift.runs).unwrap_or(usize::MAX);
+        all.push(sections::rollback(drift, &printed)?.of_seeds(runs, of));
+    }
     all.push(sections::profiles(pools, &printed)?.of_seeds(of_pools, of));
     all.push(sections::sensitivity(&ablated, &printed)?.of_seeds(of_ablated, of));
     all.push(sections::ablation(rounds, &ablated, &printed, of)?.of_seeds(of_ablated, of));
     all.push(sections::meta_faults(&ablated, layers, of)?.of_seeds(of_ablated, of));
+    all.push(sections::findings(rounds, pools)?);
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
-    let put = |name: &str, text: &str| write_whole(&out.join(name), text.as_bytes());
-    let rows = |name: &str, text: &str| raw_rows(out, name, text);
+    let put = |name: &str, text: &str| write_whole(&folder.join(name), text.as_bytes());
     if !rounds.is_empty() {
-        rows("rounds", &csv::rounds(rounds))?;
         put("tests.csv", &tests(&sections::deployment_tests(rounds)?))?;
-    }
-    if !pools.is_empty() {
-        rows("pools", &csv::pools(pools))?;
-    }
-    if !layers.is_empty() {
-        rows("layer", &csv::layer(layers))?;
     }
     for (name, svg) in all.iter().flat_map(|section| &section.plots) {
         put(&format!("{name}.svg"), svg)?;
     }
-    let first = first_page(plan, rounds, pools, &all);
+    let first = first_page(&about, &rows, &all);
     put("report.md", &markdown(&first, &all))?;
     put("report.html", &html(&first, &all))?;
     let mut lines: Vec<String> = all.iter().flat_map(|section| section.lines.clone()).collect();
-    lines.push(format!("report.md, report.html and the raw rows are in {}", shown(out)));
+    lines.push(format!("report.md, report.html and the raw rows are in {}", shown(folder)));
     Ok(lines)
 }
 
@@ -112,15 +100,6 @@ fn of_ablated_seeds(pools: &[ScreenRow]) -> Vec<ScreenRow> {
     let left_out = pools.iter().filter(|row| row.variant != Variant::Full);
     let seeds: BTreeSet<u64> = left_out.map(|row| row.seed).collect();
     pools.iter().filter(|row| seeds.contains(&row.seed)).cloned().collect()
-}
-
-/// Writes raw rows as CSV; with the feature `parquet` as that, too.
-fn raw_rows(out: &Path, name: &str, text: &str) -> Result<(), ExperimentError> {
-    write_whole(&out.join(format!("{name}.csv")), text.as_bytes())?;
-    #[cfg(feature = "parquet")]
-    super::columns::write(&out.join(format!("{name}.parquet")), text)
-        .map_err(|error| ExperimentError::Unexpected(format!("{name}.parquet cannot be written: {error}")))?;
-    Ok(())
 }
 
 /// Writes one section as a page of its own. Gives back its lines.
@@ -141,30 +120,62 @@ fn shown(path: &Path) -> String {
 }
 
 /// What was asked, of what, and what came out.
-fn first_page(plan: &Plan, rounds: &[RoundRow], pools: &[ScreenRow], all: &[Section]) -> Vec<String> {
-    let size = plan.size;
-    let of = plan.preset.size().seeds;
-    let (first, last) = (size.first_seed, size.first_seed + size.seeds.max(1) - 1);
+fn first_page(about: &About, rows: &Rows, all: &[Section]) -> Vec<String> {
+    let of = about.preset.size().seeds;
+    let Rows { rounds, pools, layers, drift } = rows;
+    let mut parts = Vec::new();
+    if let Some(row) = rounds.first() {
+        let arms: BTreeSet<&str> = rounds.iter().map(|row| row.arm.name()).collect();
+        parts.push(format!(
+            "rounds of {} of {of} seeds ({}), {} arms, {} rounds of {} held-out sequences, {} rows",
+            seeds_in(rounds, |row| row.seed),
+            from_to(rounds.iter().map(|row| row.seed)),
+            arms.len(),
+            last_round(rounds),
+            row.score.sequences,
+            rounds.len()
+        ));
+    }
+    if !pools.is_empty() {
+        let left_out: Vec<&ScreenRow> = pools.iter().filter(|row| row.variant != Variant::Full).collect();
+        parts.push(format!(
+            "pools of {} of {of} seeds ({}), of {} with parts left out, {} rows",
+            seeds_in(pools, |row| row.seed),
+            from_to(pools.iter().map(|row| row.seed)),
+            seeds_in(&left_out, |row| row.seed),
+            pools.len()
+        ));
+    }
+    if let Some(drift) = drift {
+        parts.push(format!("{} runs of twelve drifts, from seed {}", drift.runs, drift.seed));
+    }
+    if !layers.is_empty() {
+        parts.push(format!("{} rows of failures of the layer", layers.len()));
+    }
     let mut lines = vec![format!(
-        "Asked: what the paper's evaluation asks, on our own cell. Preset {}: seeds {first} to {last} ({} of {of} for the \
-         rounds, {} of {of} for the pools, {} of {of} for what is left out), {} rounds, {} held-out sequences a round; {} rows of rounds, {} of pools.",
-        plan.preset,
-        if rounds.is_empty() { 0 } else { size.seeds },
-        if pools.is_empty() { 0 } else { size.pools },
-        if pools.iter().all(|row| row.variant == Variant::Full) { 0 } else { size.ablated },
-        size.rounds,
-        size.sequences,
-        rounds.len(),
-        pools.len()
+        "Asked: what the paper's evaluation asks, on our own cell. Preset {}: {}.",
+        about.preset,
+        parts.join("; ")
     )];
     lines.extend(all.iter().flat_map(|section| section.lines.clone()));
+    let short = |digest: &str| digest.get(..16).unwrap_or(digest).to_owned();
     lines.push(format!(
-        "Version {}, computed by {}, decided by {}.",
-        env!("CARGO_PKG_VERSION"),
-        COMPUTED_BY.get(..16).unwrap_or_default(),
-        DECIDED_BY.get(..16).unwrap_or_default()
+        "Version {}, computed by {}, decided by {}. Everything below is computed from the raw rows beside this page.",
+        about.version,
+        short(&about.computed_by),
+        short(&about.decided_by)
     ));
     lines
+}
+
+/// The lowest and the highest of some seeds.
+fn from_to(seeds: impl Iterator<Item = u64>) -> String {
+    let seeds: BTreeSet<u64> = seeds.collect();
+    match (seeds.first(), seeds.last()) {
+        (Some(first), Some(last)) if first != last => format!("{first} to {last}"),
+        (Some(one), _) => one.to_string(),
+        _ => "none".to_owned(),
+    }
 }
 
 /// A section in Markdown.

@@ -6,9 +6,9 @@ use holdpoint_governance::profile::ProfileName;
 use serde::{Deserialize, Serialize};
 
 use super::preset::Size;
-use super::printed::Printed;
+use super::rows::Rows;
 use super::screen::{ScreenRow, Variant};
-use super::{Arm, Ground, Preset, RoundRow, overhead, report, rounds, screen, sections};
+use super::{Arm, Ground, Preset, RoundRow, overhead, report, rounds, screen};
 use crate::experiment::drift::{self, DriftOptions};
 use crate::experiment::{ExperimentError, Tell, layer};
 
@@ -141,19 +141,15 @@ pub fn run(ground: &Ground, plan: &Plan, tell: &Tell<'_>) -> Result<Outcome, Exp
         let line = format!("part {} of {of} is worked; a run without --shard writes the report", part + 1);
         return Ok(Outcome { summary: vec![line] });
     }
-    let (mut more, mut layers) = (Vec::new(), Vec::new());
+    let mut rows = Rows { rounds: of_rounds, pools: of_pools, ..Rows::default() };
     if let Some(options) = drifts {
-        let report = drift::run(&options, tell)?;
-        if plan.part != Part::MetaFaults {
-            let runs = usize::try_from(report.runs).unwrap_or(usize::MAX);
-            let of = plan.preset.size().seeds;
-            more.push(sections::rollback(&report, &Printed::builtin()?)?.of_seeds(runs, of));
-        }
+        rows.drift = Some(drift::run(&options, tell)?);
         if plan.part.layers() {
-            layers = layer::run(&options, tell)?;
+            rows.layers = layer::run(&options, tell)?;
         }
     }
-    Ok(Outcome { summary: report::write(plan, &of_rounds, &of_pools, &layers, more)? })
+    rows.write(plan.preset, &plan.out)?;
+    Ok(Outcome { summary: report::write(&plan.out)? })
 }
 
 /// The first run seeds, so many.
@@ -174,9 +170,7 @@ mod tests {
     fn every_experiment_of_pools_writes_a_report_of_the_ways_that_it_works() {
         for part in [Part::E1, Part::E3, Part::E5, Part::Sensitivity, Part::MetaFaults, Part::Ablation] {
             let folder = tempfile::tempdir().unwrap();
-            let (preset, out) = (Preset::Claims, folder.path().to_owned());
-            let plan = Plan { part, preset, size: preset.size(), out };
-            let mut rows = Vec::new();
+            let mut pools = Vec::new();
             for (profile, variant) in part.ways() {
                 for (name, class) in [("a", Class::Faulty), ("b", Class::Marginal), ("c", Class::Benign)] {
                     let fate = match class {
@@ -185,10 +179,12 @@ mod tests {
                     };
                     let mut row = screened(name, class, variant, fate);
                     row.end.profile = profile;
-                    rows.push(row);
+                    pools.push(row);
                 }
             }
-            let lines = report::write(&plan, &[], &rows, &[], Vec::new());
+            let rows = Rows { pools, ..Rows::default() };
+            rows.write(Preset::Claims, folder.path()).unwrap();
+            let lines = report::write(folder.path());
             let lines = lines.unwrap_or_else(|error| panic!("{part:?}: {error}"));
             assert!(lines.iter().any(|line| line.starts_with("E1: ")), "{part:?}: {lines:?}");
             let page = std::fs::read_to_string(folder.path().join("report.md")).unwrap();

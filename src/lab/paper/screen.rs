@@ -10,16 +10,18 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::omitted::{Omitted, Part};
 use holdpoint_governance::profile::ProfileName;
-use serde::{Deserialize, Serialize};
 
+use super::regression::{Regression, found};
 use super::stream::{Upgrade, pool_of};
 use super::{Ground, progress};
-use crate::experiment::candidate::{CandidateEnd, Thresholds};
+use crate::experiment::candidate::{Afterwards, CandidateEnd, Effort, Thresholds};
 use crate::experiment::per_candidate::{Task, one};
 use crate::experiment::{ExperimentError, Tell, workers_each};
 use crate::pool::Class;
 use crate::truth::side_by_side;
 use holdpoint_governance::decision::Dimension;
+use holdpoint_protocol::standing::Stands;
+use std::collections::BTreeSet;
 
 holdpoint_governance::words! {
     /// What is left out of the way of a pool's candidates.
@@ -101,9 +103,51 @@ impl Variant {
     }
 }
 
+/// The four dimensions of compatibility, in the order of their columns.
+pub const DIMENSIONS: [Dimension; 4] =
+    [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
+
+/// How a candidate's way ended, as far as a report tells it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScreenEnd {
+    pub profile: ProfileName,
+    pub fate: Fate,
+    pub state: Stands,
+    pub restricted: bool,
+    /// By [`DIMENSIONS`]; absent where no stage came to it.
+    pub kappas: [Option<f64>; 4],
+    pub composite: Option<f64>,
+    pub effort: Effort,
+    pub afterwards: Afterwards,
+    /// What the stage that stopped it found.
+    pub found: BTreeSet<Regression>,
+    /// The code of the last stage's first reason.
+    pub first_reason: Option<String>,
+}
+
+impl ScreenEnd {
+    /// What a report tells of a candidate's end.
+    #[must_use]
+    pub fn of(end: &CandidateEnd) -> Self {
+        let kappa = |of| end.dimensions.iter().find(|one| one.dimension == of).and_then(|one| one.kappa);
+        let last = end.stages.last().and_then(|stage| stage.reasons.first());
+        Self {
+            profile: end.profile,
+            fate: end.fate,
+            state: end.state,
+            restricted: end.restricted,
+            kappas: DIMENSIONS.map(kappa),
+            composite: end.composite,
+            effort: end.effort,
+            afterwards: end.afterwards,
+            found: found(end),
+            first_reason: last.map(|reason| reason.code.to_string()),
+        }
+    }
+}
+
 /// What became of one candidate of a pool.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ScreenRow {
     pub seed: u64,
     pub name: String,
@@ -116,7 +160,7 @@ pub struct ScreenRow {
     pub variant: Variant,
     /// It was worked for this variant; otherwise the whole way's end is its own.
     pub anew: bool,
-    pub end: CandidateEnd,
+    pub end: ScreenEnd,
 }
 
 /// One piece of work.
@@ -186,29 +230,24 @@ fn row(ground: &Ground, piece: Piece<'_>, workers: usize) -> Result<ScreenRow, E
         dimension: upgrade.planted.dimension,
         variant,
         anew: !same,
-        end: if same { whole } else { end(variant)? },
+        end: ScreenEnd::of(&if same { whole } else { end(variant)? }),
     })
 }
 
 /// A row of a candidate of seed 40 under the profile `sim`.
 #[cfg(test)]
 pub(super) fn screened(name: &str, class: Class, variant: Variant, fate: Fate) -> ScreenRow {
-    use crate::experiment::candidate::{Afterwards, Effort};
-    use holdpoint_protocol::standing::Stands;
-
-    let end = CandidateEnd {
-        name: name.to_owned(),
-        version: "grasp@1.1.1".parse().unwrap(),
+    let end = ScreenEnd {
         profile: ProfileName::Sim,
-        seed: 40,
-        dimensions: Vec::new(),
-        composite: None,
-        stages: Vec::new(),
+        fate,
         state: Stands::Confirmed,
         restricted: false,
-        fate,
+        kappas: [None; 4],
+        composite: None,
         effort: Effort::default(),
         afterwards: Afterwards::default(),
+        found: BTreeSet::new(),
+        first_reason: None,
     };
     ScreenRow {
         seed: 40,

@@ -1,6 +1,7 @@
 //! The report's sections, one an experiment: tables and plots from the raw rows, the paper's number beside each.
 
 mod ablation;
+mod findings;
 mod meta;
 mod positioning;
 mod profiles;
@@ -18,6 +19,7 @@ use holdpoint_governance::stats::normal_quantile;
 use holdpoint_plot::{Curve, Curves};
 
 pub use self::ablation::ablation;
+pub use self::findings::findings;
 pub use self::meta::meta_faults;
 pub use self::positioning::positioning;
 pub use self::profiles::profiles;
@@ -30,7 +32,7 @@ use super::figures::{
     spread, unsafe_activations, way,
 };
 use super::printed::Printed;
-use super::screen::{ScreenRow, Variant};
+use super::screen::{DIMENSIONS, ScreenRow, Variant};
 use super::table::Table;
 use super::{Arm, RoundRow};
 use crate::experiment::ExperimentError;
@@ -221,9 +223,8 @@ fn kappas(rows: &[&ScreenRow], printed: &Printed) -> Table {
         ("recovery", Dimension::Recovery, "no such fault".to_owned()),
     ] {
         let overt = rows.iter().filter(|row| row.class == Class::Faulty && row.dimension == Some(dimension));
-        let of_dimension = overt.filter_map(|row| {
-            row.end.dimensions.iter().find(|one| one.dimension == dimension).and_then(|one| one.kappa)
-        });
+        let place = DIMENSIONS.iter().position(|one| *one == dimension);
+        let of_dimension = overt.filter_map(|row| place.and_then(|place| *row.end.kappas.get(place)?));
         let values: Vec<f64> = of_dimension.collect();
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
         table.row([

@@ -11,7 +11,7 @@ use super::{Section, counted};
 use crate::experiment::{ExperimentError, drift};
 use crate::paper::figures::{is_faulty, way};
 use crate::paper::printed::Printed;
-use crate::paper::regression::{Regression, found};
+use crate::paper::regression::Regression;
 use crate::paper::screen::{ScreenRow, Variant};
 use crate::paper::table::Table;
 use crate::pool::Class;
@@ -28,12 +28,12 @@ fn by_category(
     for row in alone.iter().filter(|row| is_faulty(row.class)) {
         let Some(full) = whole.get(&(row.seed, row.name.as_str())) else { continue };
         let sandbox = if full.end.fate == (Fate::Blocked { stage: Stage::Sandbox }) {
-            found(&full.end)
+            full.end.found.clone()
         } else {
             BTreeSet::new()
         };
-        let shadow = found(&row.end);
-        for category in sandbox.union(&shadow) {
+        let shadow = &row.end.found;
+        for category in sandbox.union(shadow) {
             let [by_sandbox, by_shadow_only] = counts.entry(*category).or_default();
             *if sandbox.contains(category) { by_sandbox } else { by_shadow_only } += 1;
         }
