@@ -110,7 +110,10 @@ impl Model {
         let as_it_comes = if listing.places.is_empty() { &all[..] } else { &[] };
         let rows: Vec<&VersionSummary> = ordered
             .chain(as_it_comes)
-            .filter(|row| sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)]))
+            // Words are made for a filter alone: this is asked of every row in every frame.
+            .filter(|row| {
+                sieve.takes_all() || sieve.fits(&[&row.version, &row.author, &stands(row.state, &row.flags)])
+            })
             .collect();
         if listing.is_flat() {
             return rows.into_iter().map(RegistryItem::Version).collect();
@@ -500,6 +503,11 @@ struct Sieve {
 impl Sieve {
     fn new(filter: &str) -> Self {
         Self { wanted: filter.to_lowercase(), buffer: String::new() }
+    }
+
+    /// Whether nothing is wanted in particular.
+    const fn takes_all(&self) -> bool {
+        self.wanted.is_empty()
     }
 
     /// Whether one of the texts contains what is wanted.

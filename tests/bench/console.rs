@@ -290,7 +290,9 @@ fn attached() {
         console.keys("q");
         console.end();
     }
-    end(&mut first);
+    // Whether somebody else still counts as seated decides what `q` asks; the engine ends a while after the last has left.
+    first.keys(":detach\r");
+    first.end();
 }
 
 /// User and system time of a process or thread.

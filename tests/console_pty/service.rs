@@ -4,6 +4,7 @@
 use std::fs;
 use std::time::{Duration, Instant};
 
+use holdpoint::registry::{Layout, lock_owner};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::pty::{Console, Home, PATIENCE};
@@ -57,7 +58,9 @@ fn a_console_starts_an_engine_in_a_session_of_its_own_and_ends_it() {
     assert_eq!(quit(&mut console), 0, "{}", console.contents());
     assert!(console.contents().contains("the engine ended in good order"), "{}", console.contents());
     assert_restored(&console);
-    assert!(is_gone(id), "the store is free when the console has ended");
+    let owner = lock_owner(&Layout::new(home.data())).unwrap();
+    assert_eq!(owner, None, "the store is free when the console has ended");
+    ends(&home, id);
     verified(&home);
     // It can be started anew at once.
     let mut again = begun(&home, "60");
