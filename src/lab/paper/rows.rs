@@ -11,6 +11,7 @@ use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::text_error::parse_toml;
+use holdpoint_text::file::read_text;
 use serde::de::value::{Error as WordError, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer};
 use serde::{Deserialize, Serialize};
@@ -28,6 +29,9 @@ use crate::experiment::{ExperimentError, write_whole};
 
 /// The file that says what the rows beside it are.
 pub const ABOUT: &str = "report.toml";
+
+/// The most bytes of one file: some hundred times the largest that is published.
+const BYTES_MAX: u64 = 64 << 20;
 
 /// What the rows of a report are, and which build worked them.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -128,7 +132,7 @@ fn raw_rows(out: &Path, file: RowFile, text: &str) -> Result<(), ExperimentError
 }
 
 fn text_of(path: &Path) -> Result<String, ExperimentError> {
-    std::fs::read_to_string(path).map_err(ExperimentError::file(path))
+    read_text(path, BYTES_MAX).map_err(ExperimentError::file(path))
 }
 
 /// A line with its columns' names.
