@@ -7,9 +7,10 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use rerun::components::Text;
+use re_sdk_types::AnyValues;
+use re_sdk_types::components::Text;
+use rerun::EntityPath;
 use rerun::log::Chunk;
-use rerun::{AnyValues, EntityPath};
 use sha2::{Digest as _, Sha256};
 
 use super::drawing::{Tail, paths, tail};

@@ -3,9 +3,9 @@
 //! The decoder and the Arrow reader behind it make room for what a file says will follow before it is there. A size
 //! that cannot be had ends the process, and no guard catches that; so sizes are held against the bytes first.
 
+use re_log_encoding::external::lz4_flex::block::decompress;
+use re_log_encoding::{Decodable as _, MessageHeader, MessageKind, StreamHeader};
 use rerun::external::arrow::ipc::root_as_message;
-use rerun::external::re_log_encoding::external::lz4_flex::block::decompress;
-use rerun::external::re_log_encoding::{Decodable as _, MessageHeader, MessageKind, StreamHeader};
 
 /// LZ4 makes at most so many bytes of one.
 const LZ4_RATIO_MAX: usize = 256;

@@ -5,7 +5,9 @@ use std::io::{self, BufWriter};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use rerun::{AnyValues, EntityPath, RecordingInfo, StoreId, components};
+use re_sdk_types::AnyValues;
+use re_sdk_types::components;
+use rerun::{EntityPath, RecordingInfo, StoreId};
 
 use super::compact;
 use super::drawing::{self, Drawing, RecordingHead, Tail};

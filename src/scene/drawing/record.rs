@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use rerun::TextLog;
+use re_sdk_types::archetypes::TextLog;
 
 use crate::rows::{Moment, Rows};
 use holdpoint_body::TaskKind;

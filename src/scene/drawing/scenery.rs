@@ -1,9 +1,9 @@
 //! The scene that does not move, and how what moves is drawn.
 
-use rerun::{
-    Arrows3D, Boxes3D, Capsules3D, FillMode, LineStrips3D, Points3D, ViewCoordinates, archetypes::TextLog,
-    components::Radius,
+use re_sdk_types::archetypes::{
+    Arrows3D, Boxes3D, Capsules3D, LineStrips3D, Points3D, TextLog, ViewCoordinates,
 };
+use re_sdk_types::components::{FillMode, Radius};
 
 use super::world::Whose;
 use super::{part, theme};

@@ -1,6 +1,7 @@
 //! How charts look: names, colours and widths, said once for each line.
 
-use rerun::{SeriesLines, components::InterpolationMode};
+use re_sdk_types::archetypes::SeriesLines;
+use re_sdk_types::components::InterpolationMode;
 
 use super::theme;
 use crate::rows::Rows;

@@ -1,6 +1,7 @@
 //! What is told in words: the upgrade's phase, the log of events and alarms, and the upgrade's document.
 
-use rerun::{StateChange, TextDocument, TextLog, TextLogLevel};
+use re_sdk_types::archetypes::{StateChange, TextDocument, TextLog};
+use re_sdk_types::components::TextLogLevel;
 
 use super::Drawing;
 use crate::limits::TEXT_WIDTH_MAX;

@@ -1,6 +1,6 @@
 //! The only place that makes colours for a viewer; the console's own are in its theme.
 
-use rerun::Color;
+use re_sdk_types::components::Color;
 
 /// A colour that hides what is behind it.
 #[must_use]
