@@ -127,6 +127,13 @@ impl Cell {
         Self { sandbox: Arc::new(sandbox), ..self.clone() }
     }
 
+    /// The same cell with the live world's conditions, as they are at the moment, in its sandbox. It is a cell of its own.
+    #[must_use]
+    pub(crate) fn with_live_sandbox(&self, live: &Arc<Distribution>) -> Self {
+        let digest = digest(&self.model, &self.scene, [&self.canonical, live, live], COMPUTED_BY);
+        Self { sandbox: Arc::clone(live), live: Arc::clone(live), digest, ..self.clone() }
+    }
+
     /// A new world of this cell.
     ///
     /// # Errors

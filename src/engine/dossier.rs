@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::doubt::{self, Confirmation};
+use crate::doubt::{self, Confirmation, Suspicion, WorkedAgain};
 use crate::trial::measures::ModeMetrics;
 use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::{Kappas, composite};
@@ -84,8 +84,14 @@ pub struct Dossier {
     pub sequences: Vec<ShadowSequence>,
     /// What the candidate did in the twins: what is normal for it in the live world.
     pub twins: Vec<EpisodeValues>,
+    /// What working it again came to, if shadow found it suspicious.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub again: Option<WorkedAgain>,
     /// What settled the doubt it was let in with, if there was one.
     pub confirmation: Option<Confirmation>,
+    /// Its live tasks are not what its shadow showed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub suspicion: Option<Suspicion>,
     /// What each piece was gathered for.
     pub bindings: Vec<Binding>,
     /// Conditions of use so far.
@@ -120,6 +126,7 @@ impl Dossier {
             reasons: Vec::new(),
             closed: BTreeSet::new(),
             confirmation: None,
+            suspicion: None,
             kept: None,
             held: false,
             ..self.clone()
@@ -200,11 +207,23 @@ impl Dossiers {
         self.of(id).is_some_and(|dossier| dossier.held)
     }
 
-    /// Whether a version was let in with a doubt that nothing has settled yet.
+    /// Whether a version was let in with a doubt that nothing has settled yet, or is suspicious since.
     #[must_use]
     pub fn has_open_doubt(&self, id: &CapabilityId) -> bool {
+        self.awaits_confirmation(id) || self.is_suspicious(id)
+    }
+
+    /// Whether a version was let in with a doubt that nothing has settled yet.
+    #[must_use]
+    pub fn awaits_confirmation(&self, id: &CapabilityId) -> bool {
         self.of(id)
             .is_some_and(|dossier| doubt::is_open(dossier.kappas.as_ref(), dossier.confirmation.as_ref()))
+    }
+
+    /// Whether an active version is not what its shadow showed, and nothing has cleared it yet.
+    #[must_use]
+    pub fn is_suspicious(&self, id: &CapabilityId) -> bool {
+        self.of(id).and_then(|dossier| dossier.suspicion.as_ref()).is_some_and(Suspicion::is_open)
     }
 
     /// Takes in what was read from the store.

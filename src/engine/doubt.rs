@@ -1,15 +1,21 @@
 //! The doubt that a version may be let in with, and what settles it.
 //!
 //! Suspicious behaviour, and recovery that is fragile or worse than the predecessor's, advance under restrictions; the
-//! doubt stays on the version until fresh evidence settles it (design rules 3.6, 3.8).
+//! doubt stays on the version until fresh evidence settles it (design rules 3.6, 3.8). A version that is not in the live
+//! world what it was before is in doubt as well, from then on.
 
 use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::evidence::{PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::recovery::RecoveryAssessment;
+use holdpoint_governance::shift::is_cleared;
+use holdpoint_registry::Change;
+use holdpoint_registry::names::EvidenceKind;
+use holdpoint_sim::distribution::Drift;
 use serde::{Deserialize, Serialize};
 
 /// What settled a doubt: the raw values and what the rules made of them.
@@ -38,6 +44,62 @@ impl Confirmation {
         behavior.outcome == BehaviorOutcome::Compatible
             && recovery.outcome == RecoveryOutcome::Compatible
             && !is_doubtful(behavior, recovery)
+    }
+}
+
+/// A version worked again beside the active one, or its predecessor, in the live world's conditions: the raw values and what
+/// the rules made of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WorkedAgain {
+    /// What had set in in the live world then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drift: Option<Drift>,
+    pub pairs: PairedEvidence,
+    /// Whole sequences, if the pairs rejected nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub handovers: Option<SequenceEvidence>,
+    /// What they say.
+    pub behavior: BehaviorAssessment,
+    /// What of it was kept from before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<KeptUse>,
+}
+
+/// An active version that is not what its shadow showed. On record as evidence when it is found, and again when it was worked
+/// again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Suspicion {
+    /// In what it is not.
+    pub reasons: Vec<Reason>,
+    /// What working it again came to; absent until that is done.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub again: Option<WorkedAgain>,
+}
+
+impl Suspicion {
+    /// The digest that it is on record with.
+    ///
+    /// # Errors
+    /// Never for values that passed the edge: they are finite.
+    pub fn digest(&self) -> Result<Digest, serde_json::Error> {
+        Digest::of_json("holdpoint.suspicion.v1", self)
+    }
+
+    /// It, as evidence on a version.
+    ///
+    /// # Errors
+    /// As [`Self::digest`].
+    pub fn evidence(&self, id: &CapabilityId) -> Result<Change, serde_json::Error> {
+        let (json, digest) = (serde_json::to_string(self)?, self.digest()?);
+        Ok(Change::PutEvidence { version: id.clone(), kind: EvidenceKind::Monitor, json, digest })
+    }
+
+    /// Whether nothing has cleared the version yet.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        !self.again.as_ref().is_some_and(|again| is_cleared(&again.behavior))
     }
 }
 

@@ -329,7 +329,7 @@ impl StoreReader<'_> {
             entry.kind == EvidenceKind::Monitor
                 && (self.from_record..=self.history().to_seq).contains(&entry.seq)
         });
-        replays.extend(settled.map(|entry| (entry.seq, self.replayer.confirmation(entry))));
+        replays.extend(settled.filter_map(|entry| Some((entry.seq, self.replayer.settled(entry)?))));
         replays
     }
 

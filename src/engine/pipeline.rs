@@ -8,6 +8,7 @@
 mod beginning;
 mod commands;
 pub(crate) mod concurrent;
+mod doubts;
 mod halted;
 mod parked;
 pub mod rehearsal;
@@ -16,13 +17,12 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::lifecycle::{Leave, Stage, State};
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::film::Film;
@@ -47,13 +47,13 @@ use crate::record::Record;
 use crate::restart;
 use crate::retake;
 use crate::stages::activation::Activation;
+use crate::stages::again::AgainRun;
 use crate::stages::confirmation::{self, ConfirmationRun};
 use crate::stages::emergency;
-use crate::stages::monitoring::{self, Live};
+use crate::stages::monitoring::Live;
 use crate::stages::resume::{self, Resumption};
-use crate::stages::rollback::trigger;
 use crate::stages::sandbox::{Sandbox, SandboxRun};
-use crate::stages::shadow::{self, ShadowRun};
+use crate::stages::shadow::{self, ShadowRun, ShadowStep};
 use crate::trial::Trials;
 use crate::trial::cache::EpisodeCache;
 use crate::view::snapshot::SnapshotView;
@@ -92,6 +92,7 @@ enum Work {
     Sandbox(Box<SandboxRun>),
     Shadow(Box<ShadowRun>),
     Confirmation(Box<ConfirmationRun>),
+    Again(Box<AgainRun>),
 }
 
 impl Work {
@@ -100,6 +101,7 @@ impl Work {
             Self::Sandbox(run) => run.id(),
             Self::Shadow(run) => run.id(),
             Self::Confirmation(run) => run.id(),
+            Self::Again(run) => run.id(),
         }
     }
 }
@@ -276,10 +278,17 @@ impl Pipeline {
                 self.confirmation_slice(run)?;
                 return Ok(Progress::Worked);
             }
+            Some(Work::Again(run)) => {
+                self.again_slice(run)?;
+                return Ok(Progress::Worked);
+            }
             None => {}
         }
         if let Some(id) = confirmation::next(&self.monitors, &self.dossiers).filter(|_| !self.on_call) {
             self.begin_confirmation(&id)?;
+            return Ok(Progress::Worked);
+        }
+        if !self.on_call && self.begin_again()? {
             return Ok(Progress::Worked);
         }
         if let Some((id, stage)) = self.next_stage() {
@@ -396,49 +405,16 @@ impl Pipeline {
         match self.work.take() {
             Some(Work::Shadow(run)) if run.id() == id => {
                 let Self { context, record, dossiers, .. } = self;
-                let run = shadow::take_in(context, record, dossiers, run, trace, fork)?;
-                self.work = run.map(Work::Shadow);
+                match shadow::take_in(context, record, dossiers, run, trace, fork)? {
+                    ShadowStep::GoOn(run) => self.work = Some(Work::Shadow(run)),
+                    ShadowStep::WorkAgain(run) => self.begin_again_in_shadow(run)?,
+                    ShadowStep::Over => {}
+                }
             }
             // The candidate left shadow meanwhile.
             other => self.work = other,
         }
         Ok(())
-    }
-
-    fn begin_confirmation(&mut self, id: &CapabilityId) -> Result<(), Fault> {
-        let Self { context, record, dossiers, .. } = self;
-        match confirmation::begin(context, record, dossiers, id)? {
-            Some(run) => {
-                self.work = Some(Work::Confirmation(run));
-                Ok(())
-            }
-            None => {
-                self.demote(id, "its doubt cannot be settled: there is no predecessor to compare it with")
-            }
-        }
-    }
-
-    fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), Fault> {
-        let Self { context, trials, record, dossiers, monitors, .. } = self;
-        match confirmation::slice(context, trials, record, dossiers, monitors, run)? {
-            confirmation::ConfirmationStep::GoOn(run, episodes) => {
-                self.live_due_for(episodes);
-                self.work = Some(Work::Confirmation(run));
-                Ok(())
-            }
-            confirmation::ConfirmationStep::Gone => Ok(()),
-            confirmation::ConfirmationStep::Settled(id) => {
-                monitoring::maybe_confirm(record, dossiers, monitors, &id)
-            }
-            confirmation::ConfirmationStep::DoubtRemains(id) => {
-                self.demote(&id, "the doubt it was let in with remains on fresh evidence")
-            }
-        }
-    }
-
-    fn demote(&mut self, id: &CapabilityId, why: &str) -> Result<(), Fault> {
-        let trigger = trigger(&self.record, TriggerKind::OpenDoubt, why);
-        self.live().take_off(id, trigger, None, Leave::Demoted)
     }
 
     /// The live world works on while a candidate is evaluated: so many sequences fall due.

@@ -4,6 +4,7 @@
 use crate::binding::{NotAdmitted, not_admitted};
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
+use crate::doubt::Suspicion;
 use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::monitors::Watched;
@@ -234,6 +235,7 @@ fn reload_dossiers(context: &Context, record: &Record, dossiers: &mut Dossiers) 
                 if !version.flags.provisional {
                     dossier.conditions.retain(Condition::outlives_confirmation);
                 }
+                dossier.suspicion = suspicion_on_record(&evidence);
             }
             loaded.push((id, dossier));
         }
@@ -241,6 +243,13 @@ fn reload_dossiers(context: &Context, record: &Record, dossiers: &mut Dossiers) 
     drop(views);
     dossiers.extend(loaded);
     Ok(())
+}
+
+/// What an active version is suspected of since its shadow, and what working it again came to.
+fn suspicion_on_record(evidence: &[EvidenceEntry]) -> Option<Suspicion> {
+    let since = evidence.iter().rev().take_while(|entry| entry.kind != EvidenceKind::Shadow);
+    let mut found = since.filter(|entry| entry.kind == EvidenceKind::Monitor);
+    found.find_map(|entry| serde_json::from_str(&entry.json).ok())
 }
 
 /// The conditions of an active version: those its gate was passed under. What people approved under another profile or

@@ -4,6 +4,7 @@
 //! tasks under the predecessor; `ladder.rs` and `closing.rs` keep the records.
 
 pub mod activation;
+pub(crate) mod again;
 pub(crate) mod closing;
 pub mod confirmation;
 pub(crate) mod emergency;

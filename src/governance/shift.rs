@@ -6,16 +6,21 @@
 //! one-sided, with Holm's correction over the signals and half of the error rate at each of shadow's two looks: in 99 of
 //! 100 shadows at least nothing is said of a version whose worsening is the same in both. A measure of harm counts from
 //! half of its tolerance on: trifles can be established, and harm nobody. A shift rejects nothing by itself. It makes shadow
-//! longer; what is still there then holds the version back on a real cell, and in simulation it is an alarm.
+//! longer; what is still there then makes the version suspicious, which is an alarm, and it is worked again: beside the active
+//! version, on seeds nobody has seen, in the live world's own conditions. If that establishes it as worse it is rejected, and
+//! if that does not clear it, it is held back. Where it is as good there, a real cell holds it back all the same, for what
+//! shadow saw is not explained by that; in simulation it goes on.
 //!
 //! Once it is active there is no version beside it, and its twins in shadow are what it is held against: they worked under
-//! the live world's conditions, too. It is the same test, at [`live_look`]s alone, and what it finds is an alarm.
+//! the live world's conditions, too. It is the same test, at [`live_look`]s alone. What it finds makes the version suspicious
+//! as well; worked again beside its predecessor it is cleared, or it is taken off.
 
+use super::behavior::BehaviorAssessment;
 use super::decision::{Dimension, Reason, ReasonCode};
 use super::evidence::{EpisodeValues, Pair, ShadowEvidence, ShadowSequence};
 use super::gate::ShadowAssessment;
 use super::harm::HarmKind;
-use super::outcome::Check;
+use super::outcome::{BehaviorOutcome, Check};
 use super::profile::{Profile, ProfileName};
 use super::stats::holm;
 use super::stats::smirnov::smirnov_above;
@@ -194,6 +199,59 @@ pub fn shifted_live(twins: &[EpisodeValues], live: &[EpisodeValues], profile: &P
     said.collect()
 }
 
+/// Whether shadow found a version suspicious: there it is not what the sandbox showed.
+#[must_use]
+pub fn is_suspicious(result: &ShadowAssessment) -> bool {
+    result.reasons.iter().any(|reason| reason.code == ReasonCode::ShadowShifted)
+}
+
+/// Whether a suspicious version that was worked again is cleared: it is established as no worse where the work is.
+#[must_use]
+pub fn is_cleared(again: &BehaviorAssessment) -> bool {
+    match again.assessment.outcome {
+        BehaviorOutcome::Compatible => true,
+        BehaviorOutcome::Suspicious
+        | BehaviorOutcome::Incompatible
+        | BehaviorOutcome::Inconclusive
+        | BehaviorOutcome::NoData => false,
+    }
+}
+
+/// What working it again, in so many pairs, came to; what speaks against the version comes after it.
+#[must_use]
+pub fn worked_again(
+    again: &BehaviorAssessment,
+    pairs: usize,
+    code: ReasonCode,
+    dimension: Dimension,
+) -> Vec<Reason> {
+    let outcome = &again.assessment.outcome;
+    let text = format!(
+        "suspicious, and worked again in the live world's conditions: {} in {pairs} pairs with the version before",
+        outcome.name()
+    );
+    let told = |reason: &&Reason| !is_cleared(again) && reason.code.tells_what_was_found();
+    let found = again.assessment.reasons.iter().filter(told).cloned();
+    std::iter::once(Reason::new(code, dimension, text)).chain(found).collect()
+}
+
+/// Adds to what shadow came to what working a suspicious version again has to say of it.
+pub fn judge_again(result: &mut ShadowAssessment, again: &BehaviorAssessment, pairs: usize) {
+    match again.assessment.outcome {
+        // What holds the version back on a real cell still does.
+        BehaviorOutcome::Compatible => {}
+        BehaviorOutcome::Incompatible => result.check = Check::Fail,
+        BehaviorOutcome::Suspicious | BehaviorOutcome::Inconclusive | BehaviorOutcome::NoData => {
+            result.check = Check::Inconclusive;
+        }
+    }
+    if result.check != Check::Pass {
+        result.reasons.retain(|reason| reason.code != ReasonCode::ShadowClean);
+    }
+    let said = worked_again(again, pairs, ReasonCode::ShadowWorkedAgain, Dimension::Shadow);
+    result.reasons.splice(0..0, said);
+}
+
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
@@ -317,6 +375,46 @@ mod tests {
         assert!(longest.check == Check::Pass && said(&longest), "nobody is asked: it is said: {longest:?}");
         let held = judged(ProfileName::Real, 90, shift);
         assert!(held.check == Check::Inconclusive && said(&held), "{held:?}");
+    }
+
+    /// What working it again comes to: the candidate fails in so many of 300 pairs.
+    fn again(failing: u32) -> BehaviorAssessment {
+        let mut pairs = sandbox();
+        for pair in pairs.iter_mut().take(failing as usize) {
+            pair.candidate.success = false;
+        }
+        let evidence = shadow(0, 0.0);
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let paired =
+            crate::evidence::PairedEvidence { binding: evidence.binding, pairs, hard_stops: Vec::new() };
+        crate::behavior::assess(&paired, &evidence.binding, &profile)
+    }
+
+    #[test]
+    fn what_working_it_again_comes_to_decides_and_lets_nothing_in_that_was_held() {
+        for (name, count, failing, check) in [
+            (ProfileName::Sim, 60, 0, Check::Pass),
+            (ProfileName::Sim, 60, 200, Check::Fail),
+            (ProfileName::Real, 90, 0, Check::Inconclusive),
+            (ProfileName::Real, 90, 200, Check::Fail),
+        ] {
+            let mut found = judged(name, count, 0.000_75);
+            assert!(is_suspicious(&found));
+            let again = again(failing);
+            judge_again(&mut found, &again, 300);
+            assert_eq!(found.check, check, "{name} {failing}: {found:?}");
+            assert_eq!(found.reasons[0].code, ReasonCode::ShadowWorkedAgain);
+            assert_eq!(is_cleared(&again), failing == 0);
+            // What was shadow's own reason to suspect it still stands.
+            assert!(is_suspicious(&found));
+        }
+        // Neither established nor excluded: held, in simulation, too.
+        let mut found = judged(ProfileName::Sim, 60, 0.000_75);
+        let doubtful =
+            (1..200).map(again).find(|again| again.assessment.outcome == BehaviorOutcome::Suspicious);
+        judge_again(&mut found, &doubtful.expect("some number is neither"), 300);
+        assert_eq!(found.check, Check::Inconclusive);
+        assert!(found.reasons.iter().all(|reason| reason.code != ReasonCode::ShadowClean));
     }
 
     /// Slips about as the twins do, `more_m` more; some fail.

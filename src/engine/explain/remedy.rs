@@ -171,6 +171,9 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
                 against(reason)
             )
         }
+        Code::MonitorWorkedAgain | Code::ShadowWorkedAgain => {
+            "beside the version before it, under the live cell's own conditions, it may be no worse".to_owned()
+        }
         Code::MonitorShifted => "it has to be live what its twins in shadow were".to_owned(),
         Code::ShadowShifted => {
             "it has to be in the live world what it was in the sandbox, or be tried where the two differ".to_owned()

@@ -30,7 +30,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::recovery;
 use holdpoint_governance::search::Searched;
-use holdpoint_governance::shift::hold_against_sandbox;
+use holdpoint_governance::shift::{hold_against_sandbox, is_suspicious, judge_again};
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{ApprovalEntry, EvidenceEntry, StoreError, Views};
 use holdpoint_runtime::capability::Capability;
@@ -39,7 +39,7 @@ use super::history::History;
 use crate::check;
 use crate::context;
 use crate::dossier::Dossier;
-use crate::doubt::Confirmation;
+use crate::doubt::{Confirmation, Suspicion, WorkedAgain};
 use crate::ledger;
 use crate::stages::sandbox::MODE_EPISODES;
 use crate::stated;
@@ -167,13 +167,23 @@ impl<'a> Replayer<'a> {
         self.concluded(&under.environment, self.replayed(of, record, &under))
     }
 
-    /// What settled a doubt, or did not.
-    pub(super) fn confirmation(&self, entry: &EvidenceEntry) -> Replay {
+    /// What settled a doubt or a suspicion, or did not; nothing is concluded where a suspicion begins.
+    pub(super) fn settled(&self, entry: &EvidenceEntry) -> Option<Replay> {
+        if let Ok(suspicion) = serde_json::from_str::<Suspicion>(&entry.json) {
+            let again = suspicion.again.as_ref()?;
+            let binding = again.pairs.binding;
+            let found = self
+                .frame(&binding.profile, &binding.policy)
+                .map_err(Failed::from)
+                .and_then(|frame| worked_again(again, frame))
+                .and_then(|()| is_on_record(suspicion.digest(), entry));
+            return Some(self.concluded(&binding.environment, found));
+        }
         let Ok(kept) = serde_json::from_str::<Confirmation>(&entry.json) else {
-            return Replay::NotReplayed { why: NotReplayable::Unreadable };
+            return Some(Replay::NotReplayed { why: NotReplayable::Unreadable });
         };
         let binding = kept.pairs.binding;
-        self.concluded(&binding.environment, self.confirmed(&kept, &binding, entry))
+        Some(self.concluded(&binding.environment, self.confirmed(&kept, &binding, entry)))
     }
 
     /// A difference is a difference of the record only if this very build decided.
@@ -313,10 +323,7 @@ impl<'a> Replayer<'a> {
         let beside =
             BesidePairs { handovers: kept.handovers.as_ref(), unsafe_under_stress: 0, searched: None };
         assessed(&kept.pairs, &kept.drills, (&kept.behavior, &kept.recovery), frame, &beside)?;
-        match Digest::of_json("holdpoint.confirmation.v1", kept) {
-            Ok(digest) if digest == entry.digest => Ok(()),
-            _ => Err(Failed::Differs("the evidence is not the one whose digest is on record".to_owned())),
-        }
+        is_on_record(Digest::of_json("holdpoint.confirmation.v1", kept), entry)
     }
 
     fn frame(&self, profile: &Digest, policy: &Digest) -> Result<&RulesInForce, NotReplayable> {
@@ -434,6 +441,23 @@ fn assessed(
     same("recovery", recovery, &recovery::assess_ended(drills, &drills.binding, profile, ended))
 }
 
+/// What working a suspicious version again came to, from its raw pairs and sequences.
+fn worked_again(again: &WorkedAgain, frame: &RulesInForce) -> Result<(), Failed> {
+    let WorkedAgain { pairs, handovers, behavior, .. } = again;
+    let ended = behavior.ended.unwrap_or(EndReason::Full);
+    let mut found = behavior::assess_ended(pairs, &pairs.binding, &frame.profile, ended);
+    behavior::judge_sequences(&mut found, handovers.as_ref(), &frame.profile);
+    same("behaviour in the live world's conditions", behavior, &found)
+}
+
+/// Whether evidence is the one whose digest is on record.
+fn is_on_record(digest: Result<Digest, serde_json::Error>, entry: &EvidenceEntry) -> Result<(), Failed> {
+    match digest {
+        Ok(digest) if digest == entry.digest => Ok(()),
+        _ => Err(Failed::Differs("the evidence is not the one whose digest is on record".to_owned())),
+    }
+}
+
 /// Shadow, from its raw sequences: what it came to.
 fn shadowed(dossier: &Dossier, frame: &RulesInForce) -> Result<Check, Failed> {
     let (Some(binding), Some(recorded)) = (dossier.bindings.last(), &dossier.shadow) else {
@@ -446,6 +470,13 @@ fn shadowed(dossier: &Dossier, frame: &RulesInForce) -> Result<Check, Failed> {
     };
     let mut again = assess_shadow(&evidence, binding, &frame.profile);
     hold_against_sandbox(&mut again, &evidence, &dossier.pairs, &frame.profile);
+    if let Some(worked) = &dossier.again {
+        if !is_suspicious(&again) {
+            return Err(Failed::Differs("it was worked again, and is not suspicious".to_owned()));
+        }
+        worked_again(worked, frame)?;
+        judge_again(&mut again, &worked.behavior, worked.pairs.pairs.len());
+    }
     same("shadow", recorded, &again)?;
     Ok(recorded.check)
 }

@@ -15,6 +15,7 @@ use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::world::switch::Controls;
 use holdpoint_body::rehearsal::{DriftKind, Magnitude};
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::observed::NotReplayable;
@@ -50,26 +51,7 @@ fn worked_under(
     candidate: &str,
     drifts: bool,
 ) -> (TempDir, CapabilityId) {
-    let folder = tempfile::tempdir().unwrap();
-    let settings = PipelineSettings {
-        seed: CALIBRATION_FROM_RUN,
-        jobs: 1,
-        table,
-        profile,
-        own,
-        cell: Cell::builtin().unwrap(),
-        cache: EpisodeCache::InStore,
-        controls: Controls::default(),
-        omitted: holdpoint_governance::omitted::Omitted::default(),
-    };
-    let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
-    let baselines = crate::embedded::baselines().unwrap();
-    let mut pipeline = Pipeline::new(settings, ledger, Clock::scripted(0), baselines).unwrap();
-    let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
-    let package = capability::read(&path).unwrap();
-    let id = Capability::load(candidate, package.clone()).unwrap().id();
-    let reply = pipeline.command(Command::Register { package, name: candidate.to_owned() });
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let (folder, mut pipeline, id) = registered((profile, table, own), candidate);
     let mut is_drifting = false;
     for _ in 0..SLICES_MAX {
         let over = {
@@ -95,6 +77,78 @@ fn worked_under(
         }
     }
     panic!("{id} did not come to an end");
+}
+
+/// A pipeline on a store of its own, with this candidate registered.
+fn registered(
+    (profile, table, own): (Profile, PolicyTable, Option<ProfileTexts>),
+    candidate: &str,
+) -> (TempDir, Pipeline, CapabilityId) {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = PipelineSettings {
+        seed: CALIBRATION_FROM_RUN,
+        jobs: 1,
+        table,
+        profile,
+        own,
+        cell: Cell::builtin().unwrap(),
+        cache: EpisodeCache::InStore,
+        controls: Controls::default(),
+        omitted: holdpoint_governance::omitted::Omitted::default(),
+    };
+    let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
+    let baselines = crate::embedded::baselines().unwrap();
+    let mut pipeline = Pipeline::new(settings, ledger, Clock::scripted(0), baselines).unwrap();
+    let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
+    let package = capability::read(&path).unwrap();
+    let id = Capability::load(candidate, package.clone()).unwrap().id();
+    let reply = pipeline.command(Command::Register { package, name: candidate.to_owned() });
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    (folder, pipeline, id)
+}
+
+/// Works on until the version is in none of these states any more.
+fn worked_past(pipeline: &mut Pipeline, id: &CapabilityId, states: &[State]) -> State {
+    for _ in 0..SLICES_MAX {
+        let state = pipeline.record().ledger().version(id).unwrap().1.state;
+        if !states.contains(&state) {
+            return state;
+        }
+        assert_eq!(pipeline.advance(), Progress::Worked);
+    }
+    panic!("{id} goes nowhere");
+}
+
+#[test]
+fn what_working_a_suspicious_candidate_again_came_to_is_made_again() {
+    let profile = small();
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let (folder, mut pipeline, id) = registered((profile, table, None), "align-improved");
+    worked_past(&mut pipeline, &id, &[State::Registered, State::Validated]);
+    // As if it had done in the sandbox what the active version never does.
+    for pair in &mut pipeline.live().dossiers.edit(&id).pairs {
+        (pair.active.success, pair.candidate.success) = (false, true);
+    }
+    worked_past(&mut pipeline, &id, &[State::Sandboxed]);
+    let dossier = pipeline.live().dossiers.of(&id).unwrap().clone();
+    let again = dossier.again.expect("it was worked again before it was decided");
+    assert_eq!(again.pairs.pairs.len(), 40);
+    assert!(again.pairs.pairs.iter().all(|pair| dossier.pairs.iter().all(|other| other.seed != pair.seed)));
+    let shadow = dossier.shadow.unwrap();
+    assert_eq!(shadow.reasons[0].code, ReasonCode::ShadowWorkedAgain, "{:?}", shadow.reasons);
+    drop(pipeline);
+    let found = observed(folder.path());
+    assert_eq!(found.metrics.replays.differs, 0, "{:?}", found.unequal);
+    assert!(found.metrics.replays.equal >= 3, "{:?}", found.metrics.replays);
+    // Evidence that says otherwise is told.
+    let otherwise = edited(folder.path(), "shadow", |evidence| {
+        evidence["again"]["behavior"]["assessment"]["outcome"] = "incompatible".into();
+    });
+    assert!(otherwise.metrics.replays.differs >= 1, "{:?}", otherwise.unequal);
+    let without = edited(folder.path(), "shadow", |evidence| {
+        evidence.as_object_mut().unwrap().remove("again");
+    });
+    assert!(without.metrics.replays.differs >= 1, "{:?}", without.unequal);
 }
 
 fn observed(folder: &Path) -> StoreMetrics {

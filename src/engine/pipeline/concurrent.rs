@@ -143,6 +143,10 @@ impl Pipeline {
                 self.confirmation_slice(run)?;
                 return Ok(true);
             }
+            Some(Work::Again(run)) if run.is_over() => {
+                self.again_slice(run)?;
+                return Ok(true);
+            }
             other => self.work = other,
         }
         if self.work.is_some() {
@@ -150,6 +154,9 @@ impl Pipeline {
         }
         if let Some(id) = confirmation::next(&self.monitors, &self.dossiers) {
             self.begin_confirmation(&id)?;
+            return Ok(true);
+        }
+        if self.begin_again()? {
             return Ok(true);
         }
         if let Some((id, Stage::Activation)) = self.next_stage() {
@@ -168,6 +175,10 @@ impl Pipeline {
             }
             Some(Work::Confirmation(run)) if !run.is_over() => {
                 self.confirmation_slice(run)?;
+                return Ok(Progress::Worked);
+            }
+            Some(Work::Again(run)) if !run.is_over() => {
+                self.again_slice(run)?;
                 return Ok(Progress::Worked);
             }
             other => self.work = other,

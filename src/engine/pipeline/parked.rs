@@ -8,10 +8,11 @@ impl Pipeline {
     pub(super) fn park(&mut self) {
         let Self { work, record, parked, .. } = self;
         let resting = work.take_if(|work| match work {
-            Work::Sandbox(_) | Work::Shadow(_) => {
+            Work::Confirmation(_) => false,
+            Work::Again(run) if !run.is_of_shadow() => false,
+            Work::Sandbox(_) | Work::Shadow(_) | Work::Again(_) => {
                 record.ledger().version(work.id()).is_ok_and(|(_, standing, _)| standing.flags.paused)
             }
-            Work::Confirmation(_) => false,
         });
         parked.extend(resting);
     }

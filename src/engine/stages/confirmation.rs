@@ -57,7 +57,7 @@ pub fn next(monitors: &Monitors, dossiers: &Dossiers) -> Option<CapabilityId> {
     let over = monitors
         .iter()
         .filter(|watched| watched.monitor.is_confirmed() && !watched.restricted && !watched.confirmed);
-    over.map(|watched| &watched.id).find(|id| dossiers.has_open_doubt(id)).cloned()
+    over.map(|watched| &watched.id).find(|id| dossiers.awaits_confirmation(id)).cloned()
 }
 
 /// Begins one; absent if there is no predecessor to compare the version with.

@@ -19,6 +19,7 @@ use super::resume::{self, Resumption};
 use super::rollback::Rollback;
 use crate::context::Context;
 use crate::dossier::Dossiers;
+use crate::doubt::Suspicion;
 use crate::fault::Fault;
 use crate::health::CellHealth;
 use crate::kept_task::{KeptMarks, KeptTask, LIVE, UNWATCHED};
@@ -154,21 +155,20 @@ impl Live<'_> {
         watched.monitor.telemetry(now_tick);
         watched.episodes = watched.episodes.saturating_add(u32::from(!values.intervention));
         let profile = &self.context.profile;
+        let mut shift = Vec::new();
         if !values.intervention && !tightened && watched.lived.len() < live_tasks_max(profile) as usize {
             watched.lived.push(values);
             let tasks = u32::try_from(watched.lived.len()).unwrap_or(u32::MAX);
             if let Some(dossier) = self.dossiers.of(id).filter(|_| live_look(tasks, profile)) {
-                let shift = shifted_live(&dossier.twins, &watched.lived, profile);
-                let said: Vec<&str> = shift.iter().map(|reason| reason.text.as_str()).collect();
-                if !said.is_empty() {
-                    let priority = profile.alarms.degraded;
-                    self.record.raise(AlarmKey::Shifted(id.clone()), priority, true, &said.join("; "));
-                }
+                shift = shifted_live(&dossier.twins, &watched.lived, profile);
             }
         }
         let mut decision = watched.monitor.observe(&values, now_tick);
         for event in safety_events(record) {
             decision = watched.monitor.safety(event, now_tick);
+        }
+        if !shift.is_empty() {
+            suspect(self.context, self.record, self.dossiers, id, shift)?;
         }
         self.act_on(id, &decision, None)
     }
@@ -371,6 +371,28 @@ fn tell_monitor(
         decision: action.into(),
         reasons: reasons.to_vec(),
     });
+    Ok(())
+}
+
+/// A version that is live not what its shadow showed is suspicious from now on: that is said, and it will be worked again.
+/// Once it was cleared it is only said.
+fn suspect(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    id: &CapabilityId,
+    reasons: Vec<Reason>,
+) -> Result<(), Fault> {
+    let said: Vec<&str> = reasons.iter().map(|reason| reason.text.as_str()).collect();
+    let text = format!("suspicious: {}", said.join("; "));
+    record.raise(AlarmKey::Shifted(id.clone()), context.profile.alarms.degraded, true, &text);
+    let dossier = dossiers.edit(id);
+    if dossier.suspicion.is_some() {
+        return Ok(());
+    }
+    let suspicion = Suspicion { reasons, again: None };
+    record.write(vec![suspicion.evidence(id)?], Vec::new())?;
+    dossier.suspicion = Some(suspicion);
     Ok(())
 }
 

@@ -9,7 +9,7 @@ use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::Check;
-use holdpoint_governance::shift::hold_against_sandbox;
+use holdpoint_governance::shift::{hold_against_sandbox, is_suspicious, judge_again};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
@@ -67,6 +67,7 @@ pub fn begin(
     let dossier = dossiers.edit(id);
     dossier.sequences.clear();
     dossier.twins.clear();
+    dossier.again = None;
     dossier.bindings.push(binding);
     let fork = Some(context.cell.world()?);
     Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, traces: Vec::new() }))
@@ -96,7 +97,17 @@ pub fn take_along(
     Ok(Some(Shadow::new(candidate, terms, fork)))
 }
 
-/// Takes in what the candidate did in one sequence; gives the run back where it goes on.
+/// How a sequence of shadow ended.
+pub enum ShadowStep {
+    /// It goes on.
+    GoOn(Box<ShadowRun>),
+    /// The candidate is suspicious: it is worked again before anything is decided.
+    WorkAgain(Box<ShadowRun>),
+    /// It is decided.
+    Over,
+}
+
+/// Takes in what the candidate did in one sequence.
 ///
 /// # Errors
 /// If the end of the stage cannot be written.
@@ -107,7 +118,7 @@ pub fn take_in(
     mut run: Box<ShadowRun>,
     trace: Option<ShadowTrace>,
     fork: Option<World>,
-) -> Result<Option<Box<ShadowRun>>, Fault> {
+) -> Result<ShadowStep, Fault> {
     let id = run.id.clone();
     run.fork = fork;
     run.tried += 1;
@@ -123,9 +134,27 @@ pub fn take_in(
     let part = (u64::from(done), u64::from(run.budget));
     progress(record, dossiers, &id, Stage::Shadow, "shadow sequences", part);
     if done < run.budget && run.tried < ATTEMPTS_FACTOR * run.budget && !stopped {
-        return Ok(Some(run));
+        return Ok(ShadowStep::GoOn(run));
     }
     decide(context, record, dossiers, run)
+}
+
+/// Decides the shadow of a suspicious candidate that was worked again.
+///
+/// # Errors
+/// If the end of the stage cannot be written.
+pub fn decide_again(
+    context: &Context,
+    record: &mut Record,
+    dossiers: &mut Dossiers,
+    run: Box<ShadowRun>,
+) -> Result<(), Fault> {
+    match decide(context, record, dossiers, run)? {
+        ShadowStep::Over => Ok(()),
+        ShadowStep::GoOn(run) | ShadowStep::WorkAgain(run) => {
+            Err(Fault::Impossible(format!("{} is in shadow after it was worked again", run.id)))
+        }
+    }
 }
 
 fn decide(
@@ -133,7 +162,7 @@ fn decide(
     record: &mut Record,
     dossiers: &mut Dossiers,
     mut run: Box<ShadowRun>,
-) -> Result<Option<Box<ShadowRun>>, Fault> {
+) -> Result<ShadowStep, Fault> {
     let id = run.id.clone();
     let profile = &context.profile;
     let dossier = dossiers.edit(&id);
@@ -152,7 +181,13 @@ fn decide(
     {
         // Output or envelope divergence decide nothing by themselves: they make shadow longer.
         run.budget = longest;
-        return Ok(Some(run));
+        return Ok(ShadowStep::GoOn(run));
+    }
+    if is_suspicious(&result) {
+        match &dossier.again {
+            Some(again) => judge_again(&mut result, &again.behavior, again.pairs.pairs.len()),
+            None => return Ok(ShadowStep::WorkAgain(run)),
+        }
     }
     let candidate = record.capability(&id)?;
     dossier.shadow = Some(result.clone());
@@ -188,7 +223,8 @@ fn decide(
         .map(|reason| reason.text.as_str())
         .collect();
     if !shift.is_empty() {
-        record.raise(AlarmKey::Shifted(id.clone()), profile.alarms.degraded, true, &shift.join("; "));
+        let text = format!("suspicious: {}", shift.join("; "));
+        record.raise(AlarmKey::Shifted(id.clone()), profile.alarms.degraded, true, &text);
     }
     let store = record.ledger().store();
     keep_traces(store, &id, &run.traces, record.now_ms())?;
@@ -205,7 +241,7 @@ fn decide(
             record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
         }
     }
-    Ok(None)
+    Ok(ShadowStep::Over)
 }
 
 /// Keeps every shadowed sequence with both outputs, the comparison and its context (paper appendix F.2). The

@@ -34,6 +34,10 @@ pub enum Purpose {
     Sequence,
     /// Whole sequences of the confirmation.
     ConfirmationSequence,
+    /// Pairs of a suspicious version in the live world's conditions.
+    Again,
+    /// Whole sequences of it.
+    AgainSequence,
 }
 
 impl Purpose {
@@ -46,7 +50,9 @@ impl Purpose {
             Self::Drill => (3_000, 1_500),
             Self::Search => (4_500, 250),
             Self::ConfirmationSequence => (4_750, 250),
-            Self::Live => (5_000, 4_000),
+            Self::Live => (5_000, 3_000),
+            Self::Again => (8_000, 800),
+            Self::AgainSequence => (8_800, 200),
             Self::Confirmation => (9_000, 800),
             Self::ConfirmationDrill => (9_800, 200),
         }
@@ -70,7 +76,7 @@ pub const fn practice_seed(search_seed: u32, index: u64) -> u64 {
 mod tests {
     use super::*;
 
-    const PURPOSES: [Purpose; 10] = [
+    const PURPOSES: [Purpose; 12] = [
         Purpose::Perturbation,
         Purpose::Canonical,
         Purpose::Sequence,
@@ -79,6 +85,8 @@ mod tests {
         Purpose::Search,
         Purpose::ConfirmationSequence,
         Purpose::Live,
+        Purpose::Again,
+        Purpose::AgainSequence,
         Purpose::Confirmation,
         Purpose::ConfirmationDrill,
     ];

@@ -211,6 +211,12 @@ impl LiveCell {
         Ok(())
     }
 
+    /// The conditions of the next sequence.
+    #[must_use]
+    pub(crate) const fn distribution(&self) -> &Arc<Distribution> {
+        &self.distribution
+    }
+
     /// The drift that has set in.
     #[must_use]
     pub const fn drift(&self) -> Option<&Drift> {

@@ -161,6 +161,8 @@ reason_codes! {
     ShadowLeaning = "shadow-leaning",
     /// In the live world the candidate is worse beside the active version than the sandbox showed.
     ShadowShifted = "shadow-shifted",
+    /// It was worked again under the live world's own conditions, because it was not there what the sandbox showed.
+    ShadowWorkedAgain = "shadow-worked-again",
     /// Outputs differ; shadow is lengthened, nothing is decided.
     ShadowOutputDivergence = "shadow-output-divergence",
     /// The twin leaves the band of the active version's traces; shadow is lengthened.
@@ -240,8 +242,10 @@ reason_codes! {
     MonitorRateWarning = "monitor-rate-warning",
     /// A rate drifts under a version that is rollback-coupled; rolls back without asking.
     MonitorCoupledTrip = "monitor-coupled-trip",
-    /// The live tasks are worse than the version's twins in shadow were. Decides nothing; an alarm.
+    /// The live tasks are worse than the version's twins in shadow were. An alarm; it is worked again.
     MonitorShifted = "monitor-shifted",
+    /// An active version was worked again under the live world's own conditions, because it was not what shadow showed.
+    MonitorWorkedAgain = "monitor-worked-again",
     /// Telemetry is missing or not a number.
     MonitorTelemetryMissing = "monitor-telemetry-missing",
     /// Nobody answered an escalation by its deadline.
@@ -323,6 +327,7 @@ impl ReasonCode {
             | Self::ShadowGovernanceDivergence
             | Self::ShadowLeaning
             | Self::ShadowShifted
+            | Self::ShadowWorkedAgain
             | Self::ShadowOutputDivergence
             | Self::ShadowEnvelopeDivergence
             | Self::ShadowNoData
@@ -358,6 +363,7 @@ impl ReasonCode {
             | Self::ApprovalBreakGlass
             | Self::MonitorHealthy
             | Self::MonitorShifted
+            | Self::MonitorWorkedAgain
             | Self::MonitorSafetyTrip
             | Self::MonitorRateTrip
             | Self::MonitorRateWarning

@@ -75,6 +75,7 @@ fn category(reason: &Reason) -> Option<Regression> {
         }
         Code::ShadowGovernanceDivergence
         | Code::ShadowShifted
+        | Code::ShadowWorkedAgain
         | Code::ShadowLeaning
         | Code::ShadowOutputDivergence
         | Code::ShadowEnvelopeDivergence => {

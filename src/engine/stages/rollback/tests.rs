@@ -79,6 +79,10 @@ impl Bench {
         Self::opened(folder, profile)
     }
 
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
     fn opened(folder: TempDir, profile: Profile) -> Self {
         let table = PolicyTable::builtin(&profile).unwrap();
         Self::opened_under(folder, profile, table, None)

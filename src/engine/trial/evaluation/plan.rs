@@ -62,6 +62,17 @@ impl Plan {
         }
     }
 
+    /// The pairs and sequences of that budget, on seeds that neither used. Drills know no live conditions.
+    #[must_use]
+    pub const fn again(profile: &Profile) -> Self {
+        Self {
+            drills: 0,
+            pair_seeds: Purpose::Again,
+            sequence_seeds: Purpose::AgainSequence,
+            ..Self::confirmation(profile)
+        }
+    }
+
     /// Pairs, drills and sequences together.
     #[must_use]
     pub fn budget(&self) -> u64 {
