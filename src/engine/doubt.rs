@@ -6,13 +6,13 @@
 
 use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::Kappas;
-use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{PairedEvidence, RecoveryEvidence};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::kept::KeptUse;
 use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::recovery::RecoveryAssessment;
-use holdpoint_governance::shift::is_cleared;
+use holdpoint_governance::shift::{is_cleared, worked_again};
 use holdpoint_registry::Change;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_sim::distribution::Drift;
@@ -79,6 +79,20 @@ pub struct Suspicion {
 }
 
 impl Suspicion {
+    /// What is told of it: in what the version is suspicious, or what working it again came to.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        match &self.again {
+            None => self.reasons.iter().map(|reason| format!("suspicious: {}", reason.text)).collect(),
+            Some(again) => {
+                let (code, dimension) = (ReasonCode::MonitorWorkedAgain, Dimension::Monitor);
+                let found = worked_again(&again.behavior, again.pairs.pairs.len(), code, dimension);
+                let under = again.drift.as_ref().map(|drift| format!("with the drift {drift} in force"));
+                under.into_iter().chain(found.into_iter().map(|reason| reason.text)).collect()
+            }
+        }
+    }
+
     /// The digest that it is on record with.
     ///
     /// # Errors
@@ -124,7 +138,6 @@ pub fn is_open(kappas: Option<&Kappas>, confirmation: Option<&Confirmation>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_governance::decision::Dimension;
     use holdpoint_governance::outcome::Basis;
 
     fn assessment<O>(outcome: O, codes: &[ReasonCode]) -> Assessment<O> {

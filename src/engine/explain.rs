@@ -13,6 +13,7 @@ use on_record::{
 pub use remedy::is_in_favour;
 
 use crate::dossier::Dossier;
+use crate::doubt::Suspicion;
 use crate::stated;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::CapabilityId;
@@ -207,6 +208,12 @@ impl Reader<'_> {
     fn confirmation(&mut self, record: &AuditRecord) {
         let found = self.evidence.iter().find(|entry| entry.seq == record.seq);
         let Some(entry) = found.filter(|entry| entry.kind == EvidenceKind::Monitor) else { return };
+        if let Ok(suspicion) = serde_json::from_str::<Suspicion>(&entry.json) {
+            for text in suspicion.lines() {
+                self.then(format!("{text} (record {})", record.seq));
+            }
+            return;
+        }
         let read = serde_json::from_str::<ConfirmationRecord>(&entry.json).unwrap_or_default();
         for text in read.kept.iter().flat_map(KeptUse::lines) {
             self.then(format!("confirmation: {text} (record {})", record.seq));

@@ -33,7 +33,7 @@ use holdpoint_text::Hint;
 
 use self::history::{Control, History, Seal};
 use self::replay::{Replayer, RulesInForce, VersionOnRecord};
-use crate::doubt::Confirmation;
+use crate::doubt::{Confirmation, Suspicion};
 use crate::kept_task::{KeptMarks, LIVE};
 use crate::world::supervisor::safety_events;
 
@@ -406,7 +406,9 @@ impl StoreReader<'_> {
         let doubted = of.evidence.iter().any(|entry| {
             entry.kind == EvidenceKind::Monitor
                 && control.covers(entry.seq)
-                && serde_json::from_str::<Confirmation>(&entry.json).is_ok_and(|kept| !kept.is_settled())
+                && (serde_json::from_str::<Confirmation>(&entry.json).is_ok_and(|kept| !kept.is_settled())
+                    || serde_json::from_str::<Suspicion>(&entry.json)
+                        .is_ok_and(|found| found.again.is_some() && found.is_open()))
         });
         let restricted = acted.clone().any(|one| acted::is_action(one, MonitorAction::Restrict));
         let unsafe_seq = [unsafe_task, unsafe_end].into_iter().flatten().min();

@@ -75,8 +75,8 @@ fn a_suspicious_version_is_worked_again_and_cleared_and_that_survives_the_engine
     let suspicious = bench.pipeline.live().dossiers.is_suspicious(&id);
     assert!(suspicious, "the engine that comes up goes on with it");
     worked_again(&mut bench, &id);
-    let found = bench.pipeline.live().dossiers.of(&id).unwrap().suspicion.clone().unwrap();
-    let again = found.again.expect("it was worked again");
+    let found_again = bench.pipeline.live().dossiers.of(&id).unwrap().suspicion.clone().unwrap();
+    let again = found_again.again.as_ref().expect("it was worked again");
     assert_eq!(again.behavior.assessment.outcome, BehaviorOutcome::Compatible, "{:?}", again.behavior);
     let budget = bench.pipeline.live().context.profile.evaluation.sandbox_pairs;
     assert_eq!(again.pairs.pairs.len(), budget as usize, "the whole budget");
@@ -88,6 +88,12 @@ fn a_suspicious_version_is_worked_again_and_cleared_and_that_survives_the_engine
     let found = observe(&views, None, Since::Record(1), environment).unwrap();
     assert_eq!((found.metrics.replays.differs, found.metrics.replays.equal), (0, 1), "{:?}", found.unequal);
     drop(views);
+    // What an explanation tells of both, where a decision stands before them.
+    let begun = Suspicion { again: None, ..found_again.clone() }.lines();
+    assert!(begun[0].starts_with("suspicious: not what shadow showed"), "{begun:?}");
+    let told = found_again.lines();
+    let cleared = "suspicious, and worked again in the live world's conditions: compatible in";
+    assert!(told.len() == 1 && told[0].starts_with(cleared), "{told:?}");
     // It is cleared for an engine that comes up later, too.
     let mut bench = bench.restart();
     assert!(!bench.pipeline.live().dossiers.is_suspicious(&id));
