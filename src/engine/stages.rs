@@ -6,6 +6,7 @@
 pub mod activation;
 pub(crate) mod again;
 pub(crate) mod closing;
+mod compared;
 pub mod confirmation;
 pub(crate) mod emergency;
 pub(crate) mod ladder;

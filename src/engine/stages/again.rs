@@ -7,7 +7,7 @@
 //! one beside its predecessor. There is nothing to compare a first version with, and nobody to give the arm to.
 
 use holdpoint_governance::decision::{Dimension, ReasonCode};
-use holdpoint_governance::evidence::{Binding, SandboxMode};
+use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::kept::KeptPlace;
 use holdpoint_governance::lifecycle::Stage;
@@ -15,13 +15,13 @@ use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::shift::{is_cleared, worked_again};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::TaskRecord;
 use holdpoint_sim::distribution::Drift;
 
 use super::closing::{abort_stage, progress};
+use super::compared::{Compared, work_slice};
 use super::shadow::{self, ShadowRun};
 use super::voided::void;
-use crate::binding::{binding, party, team};
+use crate::binding::binding;
 use crate::cell::{Cell, Conditions};
 use crate::context::Context;
 use crate::dossier::Dossiers;
@@ -31,8 +31,10 @@ use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan};
-use crate::trial::trace::keep_trace;
 use crate::world::live::LiveCell;
+
+/// What it is called in a progress.
+const WHAT: &str = "suspicious: worked again";
 
 /// A suspicious version that is being worked again.
 pub struct AgainRun {
@@ -97,7 +99,7 @@ pub fn begin(
     let Some(before) = before else { return Ok(None) };
     let binding = Binding { active: Some(before.digest()), ..binding(context, record.ledger(), &candidate) };
     let plan = Plan::again(&context.profile);
-    progress(record, dossiers, id, Stage::Shadow, "suspicious: worked again", (0, plan.budget()));
+    progress(record, dossiers, id, Stage::Shadow, WHAT, (0, plan.budget()));
     Ok(Some(Box::new(AgainRun {
         id: id.clone(),
         before,
@@ -153,23 +155,17 @@ pub fn slice(
         let place = trials.cells(record.ledger().store()).place();
         return conclude(context, record, dossiers, run, place);
     }
-    let ledger = record.ledger();
-    let store = ledger.store();
-    let party = |version| party(context, ledger, dossiers, version);
-    let (new, old) = (party(&candidate), party(&run.before));
-    let lab = trials.lab(&run.cell, store).beside(team(context, ledger, dossiers, &candidate));
-    let Some(slice) = run.evaluation.step(&lab, &new, &old, &context.profile)? else {
-        return Ok(AgainStep::GoOn(run, 0));
+    let compared = Compared {
+        id: &id,
+        with: &run.before,
+        cell: &run.cell,
+        conditions: Conditions::Live,
+        plan: Plan::again(&context.profile),
+        stage: Stage::Shadow,
+        what: WHAT,
     };
-    let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
-    if !fresh.is_empty() {
-        let now_ms = record.now_ms();
-        keep_trace(store, &run.cell, &id, SandboxMode::Confirmation, Conditions::Live, &fresh, now_ms)?;
-    }
-    let done = (slice.done, Plan::again(&context.profile).budget());
-    let what = format!("suspicious: worked again, {}", slice.what);
-    progress(record, dossiers, &id, Stage::Shadow, &what, done);
-    Ok(AgainStep::GoOn(run, fresh.len() as u64))
+    let worked = work_slice(context, trials, record, dossiers, &compared, &mut run.evaluation)?;
+    Ok(AgainStep::GoOn(run, worked))
 }
 
 /// Keeps what came of it, and decides shadow if it is part of one.

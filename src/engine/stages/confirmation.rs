@@ -6,7 +6,7 @@
 //! What comes out compatible is confirmed; what does not is demoted. Uncertain means hold (design rules 3.6,
 //! 3.8).
 
-use holdpoint_governance::evidence::{Binding, SandboxMode};
+use holdpoint_governance::evidence::Binding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::kept::KeptPlace;
 use holdpoint_governance::lifecycle::Stage;
@@ -15,11 +15,11 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Change;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::TaskRecord;
 
 use super::closing::progress;
+use super::compared::{Compared, work_slice};
 use super::voided::void;
-use crate::binding::{binding, party, team};
+use crate::binding::binding;
 use crate::cell::Conditions;
 use crate::context::Context;
 use crate::dossier::Dossiers;
@@ -29,7 +29,9 @@ use crate::monitors::Monitors;
 use crate::record::Record;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, Plan};
-use crate::trial::trace::keep_trace;
+
+/// What it is called in a progress.
+const WHAT: &str = "confirmation";
 
 /// A confirmation under way.
 pub struct ConfirmationRun {
@@ -80,7 +82,7 @@ pub fn begin(
     let binding =
         Binding { active: Some(predecessor.digest()), ..binding(context, record.ledger(), &candidate) };
     let plan = Plan::confirmation(&context.profile);
-    progress(record, dossiers, id, Stage::Sandbox, "confirmation", (0, plan.budget()));
+    progress(record, dossiers, id, Stage::Sandbox, WHAT, (0, plan.budget()));
     let evaluation = Evaluation::new(plan, binding, Vec::new());
     Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, evaluation })))
 }
@@ -123,32 +125,17 @@ pub fn slice(
         let settled = conclude(context, record, dossiers, &id, (&run.evaluation, place))?;
         return Ok(if settled { ConfirmationStep::Settled(id) } else { ConfirmationStep::DoubtRemains(id) });
     }
-    let candidate = record.capability(&id)?;
-    let ledger = record.ledger();
-    let store = ledger.store();
-    let party = |version| party(context, ledger, dossiers, version);
-    let (new, old) = (party(&candidate), party(&run.predecessor));
-    let lab = trials.lab(&context.cell, store).beside(team(context, ledger, dossiers, &candidate));
-    let Some(slice) = run.evaluation.step(&lab, &new, &old, &context.profile)? else {
-        return Ok(ConfirmationStep::GoOn(run, 0));
+    let compared = Compared {
+        id: &id,
+        with: &run.predecessor,
+        cell: &context.cell,
+        conditions: Conditions::Sandbox,
+        plan: Plan::confirmation(&context.profile),
+        stage: Stage::Sandbox,
+        what: WHAT,
     };
-    let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
-    if !fresh.is_empty() {
-        let now_ms = record.now_ms();
-        keep_trace(
-            store,
-            &context.cell,
-            &id,
-            SandboxMode::Confirmation,
-            Conditions::Sandbox,
-            &fresh,
-            now_ms,
-        )?;
-    }
-    let done = (slice.done, Plan::confirmation(&context.profile).budget());
-    let what = format!("confirmation, {}", slice.what);
-    progress(record, dossiers, &id, Stage::Sandbox, &what, done);
-    Ok(ConfirmationStep::GoOn(run, fresh.len() as u64))
+    let worked = work_slice(context, trials, record, dossiers, &compared, &mut run.evaluation)?;
+    Ok(ConfirmationStep::GoOn(run, worked))
 }
 
 /// Keeps what came of it. Tells whether the doubt is settled.

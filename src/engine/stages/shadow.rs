@@ -68,6 +68,8 @@ pub fn begin(
     dossier.sequences.clear();
     dossier.twins.clear();
     dossier.again = None;
+    // What it was suspected of when it was active before is not what this shadow shows.
+    dossier.suspicion = None;
     dossier.bindings.push(binding);
     let fork = Some(context.cell.world()?);
     Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, traces: Vec::new() }))

@@ -6,7 +6,7 @@ use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_governance::shift::live_look;
 use holdpoint_registry::Views;
@@ -114,4 +114,15 @@ fn a_suspicious_version_that_is_worse_there_is_taken_off() {
     let first = &dossier.reasons[0];
     assert_eq!(first.code, ReasonCode::MonitorWorkedAgain);
     assert!(first.text.contains("worked again in the live world's conditions: incompatible"), "{first:?}");
+}
+
+#[test]
+fn a_new_shadow_begins_without_what_was_suspected_before() {
+    let mut bench = Bench::new();
+    let id = bench.pass("align-improved", &[Stage::Validation, Stage::Sandbox]);
+    let live = bench.pipeline.live();
+    live.dossiers.edit(&id).suspicion = Some(Suspicion { reasons: Vec::new(), again: None });
+    assert!(live.dossiers.is_suspicious(&id));
+    crate::stages::shadow::begin(live.context, live.record, live.dossiers, &id).unwrap();
+    assert!(!live.dossiers.is_suspicious(&id));
 }
