@@ -55,6 +55,9 @@ pub struct PaperArgs {
     /// How much is worked.
     #[arg(long, value_name = "NAME", value_enum, default_value = "smoke")]
     pub preset: PresetArg,
+    /// The first seed that is worked, of those that the preset has [default: its first].
+    #[arg(long, value_name = "SEED")]
+    pub first_seed: Option<u64>,
     /// Fewer seeds than the preset has.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
     pub seeds: Option<u64>,
@@ -108,12 +111,21 @@ pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, C
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let preset = Preset::from(args.preset);
     let mut size = preset.size();
+    if let Some(first) = args.first_seed {
+        size = size.from(first).ok_or_else(|| {
+            CliError::usage(ExperimentError::Option {
+                option: "--first-seed",
+                value: first.to_string(),
+                allowed: "a seed that the preset has",
+            })
+        })?;
+    }
     if let Some(seeds) = args.seeds {
         if seeds > size.seeds {
             return Err(CliError::usage(ExperimentError::Option {
                 option: "--seeds",
                 value: seeds.to_string(),
-                allowed: "at most as many as the preset has",
+                allowed: "at most as many as the preset has, from its first seed or from --first-seed on",
             }));
         }
         size.seeds = seeds;

@@ -122,7 +122,11 @@ pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
         let stage = other.progress.as_ref().map(|progress| progress.stage).or(other.flags.running);
         // Fresh evidence about a version that works already is worked as the sandbox is.
         let confirms = other.state == State::Active;
-        let stage = if confirms { "confirmation" } else { stage.map_or("its stage", Stage::name) };
+        let stage = match stage {
+            _ if worked_again(other).is_some() => "doubt and worked again",
+            _ if confirms => "confirmation",
+            stage => stage.map_or("its stage", Stage::name),
+        };
         format!("waits for {}, in {stage}: one is worked at a time", other.version)
     } else {
         return None;
@@ -150,6 +154,13 @@ pub const fn works(candidate: &CandidateView) -> bool {
 pub const fn under_way(candidate: &CandidateView) -> Option<&ProgressView> {
     let rests = matches!(candidate.state, State::Demoted) && candidate.flags.running.is_none();
     if candidate.state.is_terminal() || rests { None } else { candidate.progress.as_ref() }
+}
+
+/// How far an active version is that is suspicious and worked again: its confirmation is worked as the sandbox is, this as
+/// shadow.
+#[must_use]
+pub fn worked_again(version: &CandidateView) -> Option<&ProgressView> {
+    under_way(version).filter(|progress| version.state == State::Active && progress.stage == Stage::Shadow)
 }
 
 /// When what enough people have approved takes over.

@@ -17,7 +17,7 @@ use std::borrow::Cow;
 use serde::Serialize;
 
 pub use measure::{FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
-pub use simulation::PeerEntry;
+pub use simulation::{PeerEntry, TaskCost, task_costs};
 
 use holdpoint_engine::StartError;
 use holdpoint_governance::policy::PolicyError;

@@ -12,7 +12,7 @@ use crate::theme::Mark;
 use crate::widgets::bar::outcomes;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
-use crate::words::{under_way, works};
+use crate::words::{under_way, worked_again, works};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{CandidateView, FamilyView, LiveView, Snapshot};
 
@@ -67,7 +67,12 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
         Some(active) => row.push(ThemeRole::Title, &active.to_string()),
         None => row.push(ThemeRole::Bad, "no active version"),
     }
-    if let Some((worked, needed)) = family.provisional {
+    if let Some(progress) = own(now, family).and_then(worked_again) {
+        row.push(
+            ThemeRole::Warning,
+            &format!("  suspicious, worked again, {} of {}", progress.done, progress.budget),
+        );
+    } else if let Some((worked, needed)) = family.provisional {
         let so_far =
             if worked < needed { format!("{worked} of {needed}") } else { after_window(now, family) };
         row.push(ThemeRole::Text, &format!("  {so_far}"));
@@ -78,6 +83,11 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
     row
 }
 
+/// The active version of a family, where it is told of as a candidate was.
+fn own<'a>(now: &'a Snapshot, family: &FamilyView) -> Option<&'a CandidateView> {
+    now.candidates.iter().find(|candidate| Some(&candidate.version) == family.active.as_ref())
+}
+
 /// What a provisional version waits for whose window is over.
 fn after_window(now: &Snapshot, family: &FamilyView) -> String {
     let flags = family.flags.unwrap_or_default();
@@ -85,10 +95,10 @@ fn after_window(now: &Snapshot, family: &FamilyView) -> String {
         // A person's turn; that is said beside it.
         return "window over".to_owned();
     }
-    let ours = |candidate: &&CandidateView| Some(&candidate.version) == family.active.as_ref();
-    let own = now.candidates.iter().find(ours).and_then(under_way);
-    let other = now.candidates.iter().filter(|candidate| !ours(candidate)).find(|other| works(other));
-    match (own, other) {
+    let own = own(now, family);
+    let is_other = |candidate: &&CandidateView| Some(&candidate.version) != family.active.as_ref();
+    let other = now.candidates.iter().filter(is_other).find(|other| works(other));
+    match (own.and_then(under_way), other) {
         (Some(progress), _) => format!("in confirmation, {} of {}", progress.done, progress.budget),
         (None, Some(other)) => format!("waits for its confirmation, behind {}", other.version),
         (None, None) => "waits for its confirmation".to_owned(),

@@ -88,6 +88,39 @@ fn sandbox_episode(
     )
 }
 
+/// What one task of an active version cost.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TaskCost {
+    /// How long it took in the world, s.
+    pub simulated_secs: f64,
+    /// Processor time of the thread, s; the world's reset is in it.
+    pub cpu_secs: f64,
+}
+
+/// Works tasks of every active version, so many of each, on calibration seeds; one whose world failed is left out.
+///
+/// # Errors
+/// If the cell or a version that comes with the program does not load.
+pub fn task_costs(of_each: u64) -> Result<Vec<TaskCost>, BenchError> {
+    let subjects = Subjects::load()?;
+    let mut worker = Worker::new();
+    let mut found = Vec::new();
+    for task in TaskKind::SEQUENCE {
+        let version = subjects.active_for(task)?;
+        for call in 0..of_each {
+            let seed = seed(Purpose::Perturbation, call);
+            let began = FigureClock::ThreadCpu.secs();
+            let record =
+                episode(&mut worker, &subjects.cell, &subjects.terms, version, Conditions::Sandbox, seed);
+            if !record.invalid {
+                let cpu_secs = FigureClock::ThreadCpu.secs() - began;
+                found.push(TaskCost { simulated_secs: record.time_secs, cpu_secs });
+            }
+        }
+    }
+    Ok(found)
+}
+
 /// One tick of a grasp: observation, skill, guard, servo, physics, sensors, watcher. Resets are not in it.
 fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let version = subjects.active_for(TaskKind::Grasp)?;

@@ -1,6 +1,6 @@
 //! The arms: what decides whether a candidate takes its family's place, and whether it keeps it.
 //!
-//! The paper's three, three that others use, and its ablation. What an arm does not look at cannot change what it does:
+//! The paper's three, three that others use, its ablation, and the whole way with its thresholds moved. What an arm does not look at cannot change what it does:
 //! where a variant's way is the whole pipeline's up to the part that is left out, it is worked anew only from there on,
 //! and where the parting was is on record ([`Fork`]).
 
@@ -53,6 +53,10 @@ holdpoint_governance::words! {
         NoRollback = "no-rollback",
         /// All seven stages.
         Governed = "governed",
+        /// All seven stages, with the thresholds of the four kappas a tenth lower.
+        Relaxed = "thresholds-90",
+        /// All seven stages, with the thresholds a tenth higher, and at most 1.
+        Strict = "thresholds-110",
     }
 }
 
@@ -133,6 +137,11 @@ impl Moment<'_> {
     /// # Errors
     /// If it does not come to an end.
     fn end(&self, parts: &[Part]) -> Result<CandidateEnd, ExperimentError> {
+        self.end_by(parts, Thresholds::AsTheyAre)
+    }
+
+    /// The same, with the thresholds scaled.
+    fn end_by(&self, parts: &[Part], thresholds: Thresholds) -> Result<CandidateEnd, ExperimentError> {
         let first = self.before.versions();
         let task = Task {
             name: &self.upgrade.name,
@@ -140,7 +149,7 @@ impl Moment<'_> {
             profile: ProfileName::Sim,
             seed: self.seed,
             experiment: Experiment { omitted: Omitted::of(parts), first },
-            thresholds: Thresholds::AsTheyAre,
+            thresholds,
             workers: self.workers,
         };
         one(&self.ground.cell, &self.ground.cells, &task)
@@ -157,6 +166,12 @@ impl Moment<'_> {
 }
 
 impl Arm {
+    /// The arms that differ in what they look at; the two others are the whole way's, with its thresholds moved.
+    #[must_use]
+    pub fn of_the_ablation() -> Vec<Self> {
+        Self::ALL.into_iter().filter(|arm| !matches!(arm, Self::Relaxed | Self::Strict)).collect()
+    }
+
     /// What the arm does with a candidate.
     ///
     /// # Errors
@@ -184,6 +199,8 @@ impl Arm {
                 Ok(if more_errors || late { Step { in_force: false, ..step } } else { step })
             }
             Self::Governed => Ok(step_of(&moment.end(&[])?, Fork::Whole)),
+            Self::Relaxed => Ok(step_of(&moment.end_by(&[], Thresholds::Lower)?, Fork::Own)),
+            Self::Strict => Ok(step_of(&moment.end_by(&[], Thresholds::Higher)?, Fork::Own)),
             Self::CompatOnly => {
                 let whole = moment.end(&[])?;
                 Ok(if blocked_at(&whole, Stage::Validation) {
@@ -285,4 +302,50 @@ pub fn version_of(upgrade: &Upgrade) -> Result<Capability, ExperimentError> {
 #[must_use]
 pub fn beside(version: &Capability, in_force: &InForce) -> Digest {
     Digest::of_parts("holdpoint.beside.v1", &[version.digest().bytes(), in_force.digest().bytes()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pool::Class;
+    use crate::pool::truth::TruthEntry;
+    use holdpoint_engine::embedded;
+    use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+    use holdpoint_governance::decision::Dimension;
+    use holdpoint_registry::{KeptCells, KeptSecret};
+
+    /// The paper's example (section 9.1): a grasp that grips 40 % harder and checks nothing beforehand. It errs no more often
+    /// and is no slower, so that a canary keeps it; paired episodes establish what it does worse.
+    #[test]
+    fn a_canary_keeps_the_hard_grip_that_the_sandbox_rejects() {
+        const NAME: &str = "grasp-hard-grip";
+        let folder = tempfile::tempdir().unwrap();
+        let cells = KeptCells::in_folder(folder.path().to_owned(), KeptSecret::fresh().unwrap());
+        let ground = Ground::new(cells, (0, 1), 2).unwrap();
+        let planted = TruthEntry {
+            name: NAME.to_owned(),
+            class: Class::Faulty,
+            kind: "behavior-force".to_owned(),
+            dimension: Some(Dimension::Behavior),
+            what: "grips 40 % harder, checks nothing beforehand".to_owned(),
+        };
+        let package = embedded::package(NAME).unwrap();
+        let family = Capability::load(NAME, package.clone()).unwrap().id().family;
+        let upgrade = Upgrade { name: NAME.to_owned(), family, package, planted };
+        let (version, before) = (version_of(&upgrade).unwrap(), InForce::first().unwrap());
+        let moment = Moment {
+            ground: &ground,
+            upgrade: &upgrade,
+            version: &version,
+            before: &before,
+            seed: CALIBRATION_FROM_RUN,
+            round: 1,
+            workers: 2,
+        };
+        let mut worker = Worker::new();
+        let canary = Arm::Canary.decide(&moment, &mut worker).unwrap();
+        assert!(canary.activated && canary.in_force, "{canary:?}");
+        let governed = Arm::Governed.decide(&moment, &mut worker).unwrap();
+        assert_eq!((governed.activated, governed.stopped_at), (false, Some(Stage::Sandbox)), "{governed:?}");
+    }
 }

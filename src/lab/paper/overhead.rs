@@ -13,6 +13,7 @@ use super::sections::Section;
 use super::stream::pool_of;
 use super::table::Table;
 use super::{Ground, progress};
+use crate::bench::{TaskCost, task_costs};
 use crate::experiment::candidate::{CandidateEnd, Setting, StageTimes, Thresholds, take_timed};
 use crate::experiment::drift::Spread;
 use crate::experiment::{ExperimentError, Tell, scratch};
@@ -24,14 +25,23 @@ const SEED: u64 = 1_001;
 /// Candidates that are worked.
 const CANDIDATES: usize = 24;
 
-/// A candidate's end with what it cost.
-pub type Costed = (CandidateEnd, StageTimes);
+/// Tasks of each active version that are worked.
+const TASKS: u64 = 60;
 
-/// Works candidates of a pool one after another; fewer where the preset has fewer.
+/// A candidate's end with what it cost.
+type Costed = (CandidateEnd, StageTimes);
+
+/// What was measured.
+pub struct Costs {
+    candidates: Vec<Costed>,
+    tasks: Vec<TaskCost>,
+}
+
+/// Works tasks of the active versions, and candidates of a pool, one after another; fewer candidates where the preset has fewer.
 ///
 /// # Errors
 /// If a candidate does not come to an end.
-pub fn measure(ground: &Ground, size: Size, tell: &Tell<'_>) -> Result<Vec<Costed>, ExperimentError> {
+pub fn measure(ground: &Ground, size: Size, tell: &Tell<'_>) -> Result<Costs, ExperimentError> {
     let pool = pool_of(SEED)?;
     // Some of each family.
     let step = pool.len().div_ceil(CANDIDATES.min(size.candidates).max(1)).max(1);
@@ -54,7 +64,9 @@ pub fn measure(ground: &Ground, size: Size, tell: &Tell<'_>) -> Result<Vec<Coste
         found.push(take_timed(&setting, &upgrade.name, upgrade.package.clone())?);
         tell(&progress(&format!("cost of {}", upgrade.name), finished + 1, chosen.len(), began));
     }
-    Ok(found)
+    let tasks = task_costs(TASKS)
+        .map_err(|error| ExperimentError::Unexpected(format!("no task is worked: {error}")))?;
+    Ok(Costs { candidates: found, tasks })
 }
 
 /// Slope, intercept and the share of the variance that a straight line explains; `None` without spread.
@@ -75,7 +87,8 @@ fn whole(times: &StageTimes) -> f64 {
 
 /// The section of the report.
 #[must_use]
-pub fn section(found: &[Costed]) -> Section {
+pub fn section(costs: &Costs) -> Section {
+    let Costs { candidates: found, tasks } = costs;
     let mut table = Table::new(
         "Processor time a candidate, all threads (profile sim)",
         &[
@@ -109,7 +122,11 @@ pub fn section(found: &[Costed]) -> Section {
     row("shadow", |times| times.shadow, "about 4 ms");
     row("gate and activation", |times| times.activation, "< 0.01 ms");
     row("provisional window", |times| times.monitoring, "about 2 ms a rollback");
-    let mut fits = Table::new("How it grows", &["against", "points", "a unit, ms", "R²"], "Least squares.");
+    let mut fits = Table::new(
+        "How it grows",
+        &["against", "points", "a unit, ms", "R²"],
+        "Least squares. Tasks: of the active versions, by how long they took in the world, the world's reset included.",
+    );
     let episodes: Vec<(f64, f64)> = found
         .iter()
         .map(|(end, times)| (end.effort.sandbox as f64, times.sandbox))
@@ -124,9 +141,12 @@ pub fn section(found: &[Costed]) -> Section {
             (index as f64 + 1.0, spent)
         })
         .collect();
-    for (name, points) in
-        [("sandbox episodes of a candidate", &episodes), ("candidates, one after another", &candidates)]
-    {
+    let lengths: Vec<(f64, f64)> = tasks.iter().map(|task| (task.simulated_secs, task.cpu_secs)).collect();
+    for (name, points) in [
+        ("seconds of a task", &lengths),
+        ("sandbox episodes of a candidate", &episodes),
+        ("candidates, one after another", &candidates),
+    ] {
         let cells = line(points).map_or_else(
             || ["-".to_owned(), "-".to_owned()],
             |[slope, _, explained]| [format!("{:.2}", 1_000.0 * slope), format!("{explained:.3}")],

@@ -47,6 +47,13 @@ impl Size {
     pub fn run_seeds(&self) -> impl Iterator<Item = u64> {
         self.first_seed..self.first_seed + self.seeds
     }
+
+    /// The same from one of its seeds on; nothing if that is none of them.
+    #[must_use]
+    pub fn from(self, first: u64) -> Option<Self> {
+        let skipped = first.checked_sub(self.first_seed).filter(|skipped| *skipped < self.seeds)?;
+        Some(Self { first_seed: first, seeds: self.seeds - skipped, ..self })
+    }
 }
 
 impl Preset {
@@ -90,6 +97,15 @@ impl Preset {
 mod tests {
     use super::*;
     use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+
+    #[test]
+    fn a_later_first_seed_leaves_those_that_follow_it() {
+        let size = Preset::Claims.size();
+        let later = size.from(55).unwrap();
+        assert!(later.run_seeds().eq(55..80), "{later:?}");
+        assert_eq!(size.from(40), Some(size));
+        assert_eq!((size.from(39), size.from(80)), (None, None));
+    }
 
     /// What is claimed rests on episodes that nothing was tuned on; a quick look must not use them up.
     #[test]

@@ -34,6 +34,7 @@ pub struct Printed {
     pub t10: Ablation,
     pub t11: Kappas,
     pub t12: Sensitivity,
+    pub marginal: Marginal,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -108,6 +109,19 @@ pub struct Kappas {
 pub struct Sensitivity {
     pub badr: [f64; 3],
     pub false_reject_rate: [f64; 3],
+    pub success: [Spread; 3],
+    pub unsafe_activation: [Spread; 3],
+    pub violation: [Spread; 3],
+}
+
+/// The two faults that the paper's screening lets through (its section 8.3).
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Marginal {
+    /// How much more often there is an anomaly; a share.
+    pub anomaly_rise: f64,
+    /// Recovered of those that need it, before and after; shares.
+    pub recovery: [f64; 2],
 }
 
 /// Sim, real, human.

@@ -73,14 +73,14 @@ pub fn write(folder: &Path) -> Result<Vec<String>, ExperimentError> {
         all.push(sections::rollback(drift, &printed)?.of_seeds(runs, of));
     }
     all.push(sections::profiles(pools, &printed)?.of_seeds(of_pools, of));
-    all.push(sections::sensitivity(&ablated, &printed)?.of_seeds(of_ablated, of));
+    all.push(sections::sensitivity(rounds, &ablated, &printed, of)?.of_seeds(of_ablated, of));
     all.push(sections::ablation(rounds, &ablated, &printed, of)?.of_seeds(of_ablated, of));
     all.push(sections::meta_faults(&ablated, layers, of)?.of_seeds(of_ablated, of));
     all.push(sections::findings(rounds, pools)?);
     all.push(sections::positioning());
     all.retain(|section| !section.title.is_empty());
     let put = |name: &str, text: &str| write_whole(&folder.join(name), text.as_bytes());
-    if !rounds.is_empty() {
+    if sections::compares_arms(rounds) {
         put("tests.csv", &tests(&sections::deployment_tests(rounds)?))?;
     }
     for (name, svg) in all.iter().flat_map(|section| &section.plots) {

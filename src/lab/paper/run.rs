@@ -38,21 +38,17 @@ impl Part {
     }
 
     const fn has_rounds(self) -> bool {
-        matches!(self, Self::E2 | Self::Ablation | Self::All)
+        matches!(self, Self::E2 | Self::Sensitivity | Self::Ablation | Self::All)
     }
 
     fn arms(self) -> Vec<Arm> {
-        use Arm::{Canary, Governed, Naive, OfflineOnly, Static, SuccessGate};
+        use Arm::{Canary, Governed, Naive, OfflineOnly, Relaxed, Static, Strict, SuccessGate};
         match self {
-            Self::E1
-            | Self::E3
-            | Self::E4
-            | Self::E5
-            | Self::Sensitivity
-            | Self::MetaFaults
-            | Self::Overhead => Vec::new(),
+            Self::E1 | Self::E3 | Self::E4 | Self::E5 | Self::MetaFaults | Self::Overhead => Vec::new(),
+            Self::Sensitivity => vec![Static, Governed, Relaxed, Strict],
             Self::E2 => vec![Static, Naive, SuccessGate, Canary, OfflineOnly, Governed],
-            Self::Ablation | Self::All => Arm::ALL.to_vec(),
+            Self::Ablation => Arm::of_the_ablation(),
+            Self::All => Arm::ALL.to_vec(),
         }
     }
 

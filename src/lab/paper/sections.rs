@@ -6,15 +6,13 @@ mod meta;
 mod positioning;
 mod profiles;
 mod rollback;
+mod screening;
 mod sensitivity;
 mod shadow;
 
 use std::collections::BTreeSet;
 
-use holdpoint_governance::decision::Dimension;
-use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::metrics::{Fate, Proportion};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::stats::normal_quantile;
 use holdpoint_plot::{Curve, Curves};
 
@@ -24,20 +22,18 @@ pub use self::meta::meta_faults;
 pub use self::positioning::positioning;
 pub use self::profiles::profiles;
 pub use self::rollback::rollback;
+pub use self::screening::screening;
 pub use self::sensitivity::sensitivity;
 pub use self::shadow::shadow;
 use super::figures::{
     ANOMALY, CONTINUED_MS, Comparison, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, MOVED_ON, Measure, NEAR, RETRIES,
-    SUCCESS, TIME_S, VIOLATION, benign_refused, by_seed, compare, faulty_activated, is_faulty, last_round,
-    spread, unsafe_activations, way,
+    SUCCESS, TIME_S, VIOLATION, benign_refused, by_seed, compare, faulty_activated, last_round, spread,
+    unsafe_activations,
 };
 use super::printed::Printed;
-use super::screen::{DIMENSIONS, ScreenRow, Variant};
 use super::table::Table;
 use super::{Arm, RoundRow};
 use crate::experiment::ExperimentError;
-use crate::experiment::drift::Spread;
-use crate::pool::Class;
 
 /// A part of the report.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -92,151 +88,6 @@ fn mean(values: &[f64]) -> String {
 
 fn p_value(p: f64) -> String {
     if p < 0.001 { format!("{p:.1e}") } else { format!("{p:.3}") }
-}
-
-/// E1: which faults are stopped, at which stage, and which benign candidates are lost.
-///
-/// # Errors
-/// If no interval exists for a count.
-pub fn screening(rows: &[ScreenRow], printed: &Printed) -> Result<Section, ExperimentError> {
-    let all: Vec<&ScreenRow> = way(rows, ProfileName::Sim, Variant::Full).collect();
-    if all.is_empty() {
-        return Ok(Section::default());
-    }
-    let t6 = &printed.t6;
-    let blocked = |row: &ScreenRow, stage: Stage| row.end.fate == Fate::Blocked { stage };
-    let mut table = Table::new(
-        "Screening by class of fault (profile sim)",
-        &[
-            "class",
-            "candidates",
-            "stopped by validation",
-            "by the sandbox",
-            "by shadow",
-            "by the gate",
-            "taken off",
-            "kept",
-            "paper (table 6)",
-        ],
-        "The paper's 75 % is its validation alone, with an estimated kappa_B; here behaviour is measured in the sandbox. \
-         Its eight faulty kinds have no overt fault of recovery; ours have two a family besides (readings X19).",
-    );
-    let of_dimension = |dimension: Dimension| {
-        move |row: &&&ScreenRow| row.class == Class::Faulty && row.dimension == Some(dimension)
-    };
-    let mut row = |name: &str, of: Vec<&&ScreenRow>, paper: String| {
-        let count = |test: &dyn Fn(&ScreenRow) -> bool| of.iter().filter(|row| test(row)).count().to_string();
-        let mut cells = vec![name.to_owned(), of.len().to_string()];
-        for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow, Stage::Activation] {
-            cells.push(count(&|row| blocked(row, stage)));
-        }
-        cells.push(count(&|row| row.end.fate == Fate::Contained));
-        cells.push(count(&|row| row.end.fate == Fate::Kept));
-        cells.push(paper);
-        table.row(cells);
-    };
-    let paper = |counts: [u32; 2]| format!("{} of {} blocked", counts[0], counts[1]);
-    for (name, dimension, said) in [
-        ("interface", Dimension::Interface, paper(t6.interface)),
-        ("policy", Dimension::Policy, paper(t6.policy)),
-        ("behaviour", Dimension::Behavior, paper(t6.behavior)),
-        ("recovery", Dimension::Recovery, "not in the paper's pool".to_owned()),
-    ] {
-        row(name, all.iter().filter(of_dimension(dimension)).collect(), said);
-    }
-    row("marginal", all.iter().filter(|row| row.class == Class::Marginal).collect(), paper(t6.marginal));
-    row(
-        "benign",
-        all.iter().filter(|row| row.class == Class::Benign).collect(),
-        "0 of 18 rejected".to_owned(),
-    );
-    let of_kappas = kappas(&all, printed);
-    let mut rates = Table::new("Rates", &["rate", "here", "paper"], "95 % Wilson intervals.");
-    let faulty = || all.iter().filter(|row| is_faulty(row.class));
-    // The paper's eight kinds: without overt faults of recovery.
-    let paper8 =
-        || faulty().filter(|row| !(row.class == Class::Faulty && row.dimension == Some(Dimension::Recovery)));
-    let screened = |row: &&&ScreenRow| blocked(row, Stage::Validation);
-    let measured = |row: &&&ScreenRow| blocked(row, Stage::Validation) || blocked(row, Stage::Sandbox);
-    let before = |row: &&&ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
-    let lifecycle = |row: &&&ScreenRow| row.end.fate != Fate::Kept;
-    let badr = format!("{:.1} %", t6.badr);
-    let downstream = "\"caught downstream\"".to_owned();
-    let overt = Proportion::of(all.iter().filter(|row| row.class == Class::Faulty).map(|row| before(&row)))?;
-    let frr = Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| before(&row)))?;
-    let lost =
-        Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| lifecycle(&row)))?;
-    for (name, of, said) in [
-        (
-            "badr_screen, the paper's eight kinds",
-            Proportion::of(paper8().map(|row| screened(&row)))?,
-            badr.clone(),
-        ),
-        (
-            "validation and sandbox, the paper's eight",
-            Proportion::of(paper8().map(|row| measured(&row)))?,
-            badr,
-        ),
-        (
-            "badr_preactivation, all kinds",
-            Proportion::of(faulty().map(|row| before(&row)))?,
-            downstream.clone(),
-        ),
-        ("badr_lifecycle, all kinds", Proportion::of(faulty().map(|row| lifecycle(&row)))?, downstream),
-        ("overt faults stopped before activation", overt, "18 of 18".to_owned()),
-        ("false_reject_rate", frr, format!("{:.1} %", t6.false_reject_rate)),
-        ("benign not active in the end", lost, "not told".to_owned()),
-    ] {
-        rates.row([name.to_owned(), counted(&of), said]);
-    }
-    let lines = vec![format!(
-        "E1: overt faults stopped before activation {}; benign rejected {} (paper: 0 at screening, 54 % in its own \
-         full pipeline)",
-        counted(&overt),
-        counted(&frr)
-    )];
-    Ok(Section {
-        title: "E1: screening".to_owned(),
-        text: vec![format!("{} candidates, each against the first version of its family.", all.len())],
-        tables: vec![table, rates, of_kappas],
-        plots: Vec::new(),
-        lines,
-    })
-}
-
-/// The kappa of an overt fault in the dimension that it is in, as it stood at its end.
-fn kappas(rows: &[&ScreenRow], printed: &Printed) -> Table {
-    let mut table = Table::new(
-        "Kappa of overt faults, in the dimension that they are in (profile sim)",
-        &["class", "candidates with one", "lowest", "median", "highest", "paper (table 11)"],
-        "A candidate that an earlier stage stopped has none of a later one's.",
-    );
-    let t11 = &printed.t11;
-    let paper = |of: &[f64; 2]| {
-        let [low, high] = of;
-        if low < high { format!("{low:.2} to {high:.2}") } else { format!("{low:.2}") }
-    };
-    for (name, dimension, said) in [
-        ("interface", Dimension::Interface, paper(&t11.interface)),
-        ("policy", Dimension::Policy, paper(&t11.policy)),
-        ("behaviour", Dimension::Behavior, paper(&t11.behavior)),
-        ("recovery", Dimension::Recovery, "no such fault".to_owned()),
-    ] {
-        let overt = rows.iter().filter(|row| row.class == Class::Faulty && row.dimension == Some(dimension));
-        let place = DIMENSIONS.iter().position(|one| *one == dimension);
-        let of_dimension = overt.filter_map(|row| place.and_then(|place| *row.end.kappas.get(place)?));
-        let values: Vec<f64> = of_dimension.collect();
-        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
-        table.row([
-            name.to_owned(),
-            values.len().to_string(),
-            number(values.iter().copied().reduce(f64::min)),
-            number(Spread::of(values.iter().copied()).map(|spread| spread.median)),
-            number(values.iter().copied().reduce(f64::max)),
-            said,
-        ]);
-    }
-    table
 }
 
 /// Success and unsafe versions round by round, beside the paper's figure 4.
@@ -301,12 +152,18 @@ fn arms_of(rows: &[RoundRow]) -> Vec<Arm> {
     Arm::ALL.into_iter().filter(|arm| rows.iter().any(|row| row.arm == *arm)).collect()
 }
 
-/// E2: arms over rounds of upgrades.
+/// Whether rounds were worked by the arms that the paper compares.
+#[must_use]
+pub fn compares_arms(rows: &[RoundRow]) -> bool {
+    PAPERS.iter().all(|arm| rows.iter().any(|row| row.arm == *arm))
+}
+
+/// E2: arms over rounds of upgrades; empty without those that the paper compares.
 ///
 /// # Errors
 /// If no interval exists for a count.
 pub fn deployment(rows: &[RoundRow], printed: &Printed) -> Result<Section, ExperimentError> {
-    if rows.is_empty() {
+    if !compares_arms(rows) {
         return Ok(Section::default());
     }
     let last = last_round(rows);

@@ -285,7 +285,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
 /// Its window was over, and nothing said what it goes on being provisional for.
 #[test]
 fn a_provisional_version_says_what_it_waits_for_after_its_window() {
-    let over = |change: fn(&mut Snapshot)| {
+    let over = |change: &dyn Fn(&mut Snapshot)| {
         let mut console = TestConsole::new(0);
         with(&mut console, |now| {
             now.families[0].provisional = Some((40, 40));
@@ -300,11 +300,24 @@ fn a_provisional_version_says_what_it_waits_for_after_its_window() {
         let state = State::Active;
         now.candidates.push(CandidateView { state, flags: Flags::default(), ..at_work("grasp@1.2.0") });
     };
+    let again: fn(&mut Snapshot) = |now| {
+        let state = State::Active;
+        let mut own = CandidateView { state, flags: Flags::default(), ..at_work("grasp@1.2.0") };
+        own.progress = own.progress.map(|progress| ProgressView { stage: Stage::Shadow, ..progress });
+        now.candidates.push(own);
+    };
+    let confirmed_and_again = |now: &mut Snapshot| {
+        again(now);
+        now.families[0].provisional = None;
+        now.families[0].flags = Some(Flags::default());
+    };
     let behind: fn(&mut Snapshot) = |now| now.candidates.push(at_work("align@2.0.0"));
     for (text, said) in [
-        (over(|_| ()), "waits for its confirmation"),
-        (over(behind), "waits for its confirmation, behind align@2.0.0"),
-        (over(own), "in confirmation, 3 of 9"),
+        (over(&|_: &mut Snapshot| ()), "waits for its confirmation"),
+        (over(&behind), "waits for its confirmation, behind align@2.0.0"),
+        (over(&own), "in confirmation, 3 of 9"),
+        (over(&again), "suspicious, worked again, 3 of 9"),
+        (over(&confirmed_and_again), "suspicious, worked again, 3 of 9"),
     ] {
         assert!(text.contains(said) && !text.contains("window over"), "{said}: {text}");
     }

@@ -1,21 +1,30 @@
 //! The ablation: pools and rounds with parts of the way left out, and the radar of the three strategies.
 
+use std::collections::BTreeMap;
+
+use holdpoint_governance::metrics::LEVEL;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::stats::{PairedCounts, binary_pairs};
+use holdpoint_governance::stats::{Interval, PairedCounts, bca, binary_pairs, difference};
 use holdpoint_plot::Radar;
 
 use super::{PAPERS, Section, counted, mean, seeds_in};
 use crate::experiment::ExperimentError;
 use crate::paper::figures::{
-    ABLATION, LIVE_UNSAFE, Measure, SUCCESS, VIOLATION, by_seed, last_round, spread, unsafe_activations, way,
+    ABLATION, LIVE_UNSAFE, Measure, RESAMPLE_SEED, RESAMPLES, SUCCESS, VIOLATION, by_seed, last_round,
+    spread, unsafe_activations, way,
 };
 use crate::paper::printed::Printed;
 use crate::paper::screen::{ScreenRow, Variant};
 use crate::paper::table::Table;
 use crate::paper::{Arm, RoundRow};
+use crate::truth::HarmClass;
 
 /// One-sided level at which a claim of direction is held or not.
 const DIRECTION_ALPHA: f64 = 0.05;
+
+/// Within how many points success "hardly changes": the paper's own changes are half a point and two tenths, with standard
+/// deviations of four to seven points over its seeds.
+const SUCCESS_MARGIN: f64 = 5.0;
 
 /// The ablation: every variant run, the paper's numbers and its way of deriving them beside each. `of`: the seeds that the
 /// preset has.
@@ -115,7 +124,7 @@ pub fn ablation(
         }
         tables.push(table);
     }
-    let (directions, lines) = ablation_directions(pools)?;
+    let (directions, lines) = ablation_directions(rounds, pools)?;
     tables.push(directions);
     Ok(Section {
         title: "Ablation".to_owned(),
@@ -126,16 +135,86 @@ pub fn ablation(
     })
 }
 
-fn ablation_directions(pools: &[ScreenRow]) -> Result<(Table, Vec<String>), ExperimentError> {
+/// What is said of a claim: its words, the verdict, and the numbers that it rests on.
+struct Claim {
+    words: &'static str,
+    verdict: Verdict,
+    because: String,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    Held,
+    NotHeld,
+    NotShown,
+}
+
+impl Verdict {
+    /// Of a difference that has to lie above zero.
+    const fn above_zero(lower: f64, upper: f64) -> Self {
+        match (lower > 0.0, upper < 0.0) {
+            (true, _) => Self::Held,
+            (false, true) => Self::NotHeld,
+            (false, false) => Self::NotShown,
+        }
+    }
+
+    /// Of a difference that has to lie within a margin on either side of zero.
+    const fn within(margin: f64, ends: Interval) -> Self {
+        if ends.lower >= -margin && ends.upper <= margin {
+            Self::Held
+        } else if ends.lower > margin || ends.upper < -margin {
+            Self::NotHeld
+        } else {
+            Self::NotShown
+        }
+    }
+
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Held => "held",
+            Self::NotHeld => "not held",
+            Self::NotShown => "not shown",
+        }
+    }
+}
+
+fn ablation_directions(
+    rounds: &[RoundRow],
+    pools: &[ScreenRow],
+) -> Result<(Table, Vec<String>), ExperimentError> {
     let mut table = Table::new(
         "The paper's claims of direction",
         &["claim", "verdict", "because"],
         "Paired over the same candidates: held or not held where the difference is established at a one-sided 5 % (exact, by \
-         the candidates that only one of the two detects), not shown otherwise.",
+         the candidates of which only one of the two says it), not shown otherwise. What comes off of what was activated is of \
+         other candidates in each variant: a 95 % interval of the difference (Newcombe). Success: held where the 95 % interval \
+         of the mean over seeds (BCa) is within five points.",
     );
-    let mut verdicts = [0_u32; 3];
+    let mut all = of_detection(pools)?;
+    all.extend(of_taking_off(pools)?);
+    if !rounds.is_empty() {
+        all.extend(of_unsafe_activations(rounds)?);
+        all.extend(of_success(rounds));
+    }
+    let count = |verdict: Verdict| all.iter().filter(|claim| claim.verdict == verdict).count();
+    let line = format!(
+        "Ablation: of {} of the paper's claims of direction {} held, {} did not, {} are not shown",
+        all.len(),
+        count(Verdict::Held),
+        count(Verdict::NotHeld),
+        count(Verdict::NotShown)
+    );
+    for Claim { words, verdict, because } in all {
+        table.row([words.to_owned(), verdict.word().to_owned(), because]);
+    }
+    Ok((table, vec![line]))
+}
+
+/// Which of two variants detects more of the same faulty candidates.
+fn of_detection(pools: &[ScreenRow]) -> Result<Vec<Claim>, ExperimentError> {
     let [full, no_shadow, no_recovery, no_monitor, no_rollback, no_sandbox, validation, naive] = ABLATION;
-    for (claim, less, more) in [
+    let claims = [
         ("without shadow fewer faults are detected", no_shadow, full),
         ("without kappa_R fewer faults are detected", no_recovery, full),
         ("without a monitor fewer faults are detected", no_monitor, full),
@@ -144,20 +223,14 @@ fn ablation_directions(pools: &[ScreenRow]) -> Result<(Table, Vec<String>), Expe
         ("the sandbox is worth less than the monitor", no_monitor, no_sandbox),
         ("validation alone detects fewer than the whole way", validation, full),
         ("and more than nothing", naive, validation),
-    ] {
+    ];
+    let mut all = Vec::new();
+    for (words, less, more) in claims {
         let (low, high) = (less.detects(pools), more.detects(pools));
         let pairs = PairedCounts::of(
             high.iter().filter_map(|(candidate, found)| Some((*found, *low.get(candidate)?))),
         );
         let bound = binary_pairs(pairs, DIRECTION_ALPHA)?;
-        let (place, verdict) = match (bound.lower > 0.0, bound.upper < 0.0) {
-            (true, _) => (0, "held"),
-            (false, true) => (1, "not held"),
-            (false, false) => (2, "not shown"),
-        };
-        if let Some(count) = verdicts.get_mut(place) {
-            *count += 1;
-        }
         let because = format!(
             "{} of {} are detected by the second alone, {} by the first alone; difference at least {:+.1} points",
             pairs.candidate_only,
@@ -165,13 +238,102 @@ fn ablation_directions(pools: &[ScreenRow]) -> Result<(Table, Vec<String>), Expe
             pairs.active_only,
             100.0 * bound.lower
         );
-        table.row([claim.to_owned(), verdict.to_owned(), because]);
+        all.push(Claim { words, verdict: Verdict::above_zero(bound.lower, bound.upper), because });
     }
-    let [held, not_held, not_shown] = verdicts;
-    let line = format!(
-        "Ablation: of the paper's eight claims of direction {held} held, {not_held} did not, {not_shown} are not shown"
-    );
-    Ok((table, vec![line]))
+    Ok(all)
+}
+
+/// How much of what was activated comes off again.
+fn of_taking_off(pools: &[ScreenRow]) -> Result<Vec<Claim>, ExperimentError> {
+    let [full, _, no_recovery, _, no_rollback, ..] = ABLATION;
+    let with = full.taken_off(pools)?;
+    let mut all = Vec::new();
+    for (words, without) in [
+        ("without kappa_R less of what is activated comes off", no_recovery),
+        ("without rollback less of what is activated comes off", no_rollback),
+    ] {
+        let without = without.taken_off(pools)?;
+        let said = format!("faulty ones taken off {}, and {}", counted(&with), counted(&without));
+        let (verdict, because) = if with.total == 0 || without.total == 0 {
+            (Verdict::NotShown, said)
+        } else {
+            let ends = difference((without.count, without.total), (with.count, with.total), LEVEL)?;
+            let (lower, upper) = (100.0 * ends.lower, 100.0 * ends.upper);
+            (
+                Verdict::above_zero(lower, upper),
+                format!("{said}; difference [{lower:+.1}, {upper:+.1}] points"),
+            )
+        };
+        all.push(Claim { words, verdict, because });
+    }
+    Ok(all)
+}
+
+/// Which of two arms activates more unsafe versions of the same offers.
+fn of_unsafe_activations(rounds: &[RoundRow]) -> Result<Vec<Claim>, ExperimentError> {
+    let of = |arm: Arm| -> BTreeMap<(u64, u32), bool> {
+        let offers = rounds.iter().filter(|row| row.arm == arm);
+        offers
+            .filter_map(|row| {
+                let is_unsafe = row.offered.as_ref()?.harm.is_some_and(|harm| harm >= HarmClass::Damage);
+                Some(((row.seed, row.round), is_unsafe))
+            })
+            .collect()
+    };
+    let mut all = Vec::new();
+    for (words, fewer, more) in [
+        ("without shadow more unsafe versions are activated", Arm::Governed, Arm::NoShadow),
+        ("validation alone activates more unsafe versions", Arm::Governed, Arm::CompatOnly),
+        ("and fewer than naive", Arm::CompatOnly, Arm::Naive),
+    ] {
+        let (low, high) = (of(fewer), of(more));
+        if low.is_empty() || high.is_empty() {
+            continue;
+        }
+        let pairs = PairedCounts::of(
+            high.iter().filter_map(|(offer, is_unsafe)| Some((*is_unsafe, *low.get(offer)?))),
+        );
+        let bound = binary_pairs(pairs, DIRECTION_ALPHA)?;
+        let because = format!(
+            "of {} offers {more} alone activates {} unsafe ones, {fewer} alone {}; difference at least {:+.1} points",
+            bound.n,
+            pairs.candidate_only,
+            pairs.active_only,
+            100.0 * bound.lower
+        );
+        all.push(Claim { words, verdict: Verdict::above_zero(bound.lower, bound.upper), because });
+    }
+    Ok(all)
+}
+
+/// How far success is from the whole way's, percent points, in the last round.
+fn of_success(rounds: &[RoundRow]) -> Vec<Claim> {
+    let last = last_round(rounds);
+    let whole = by_seed(rounds, Arm::Governed, last, SUCCESS);
+    let claims = [
+        ("without shadow success hardly changes", Arm::NoShadow),
+        ("without kappa_R success hardly changes", Arm::NoRecovery),
+    ];
+    let claim = |(words, arm)| {
+        let without = by_seed(rounds, arm, last, SUCCESS);
+        let differences: Vec<f64> =
+            without.iter().zip(&whole).map(|(without, whole)| without - whole).collect();
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let (verdict, interval) = match bca(&differences, mean, LEVEL, RESAMPLES, RESAMPLE_SEED) {
+            Ok(ends) => (
+                Verdict::within(SUCCESS_MARGIN, ends),
+                format!("95 % [{:+.1}, {:+.1}]", ends.lower, ends.upper),
+            ),
+            Err(_) if differences.len() > 1 && differences.iter().all(|one| one.abs() < 1e-9) => {
+                (Verdict::Held, "the same on every seed".to_owned())
+            }
+            Err(_) => (Verdict::NotShown, "no spread".to_owned()),
+        };
+        let because =
+            format!("{:+.1} points over {} seeds, {interval}", mean(&differences), differences.len());
+        Claim { words, verdict, because }
+    };
+    claims.map(claim).into()
 }
 
 /// Six axes for the paper's three strategies.

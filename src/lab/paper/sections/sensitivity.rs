@@ -4,21 +4,105 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 
-use super::{Section, counted};
+use super::{Section, counted, mean, seeds_in};
 use crate::experiment::ExperimentError;
-use crate::paper::figures::{is_faulty, way};
+use crate::paper::figures::{
+    LIVE_UNSAFE, Measure, SUCCESS, VIOLATION, by_seed, is_faulty, last_round, unsafe_activations, way,
+};
 use crate::paper::printed::Printed;
 use crate::paper::screen::{ScreenRow, Variant};
 use crate::paper::table::Table;
+use crate::paper::{Arm, RoundRow};
 use crate::pool::Class;
 
-/// The section; empty where they were not moved.
+/// The section; empty where they were not moved. `of`: the seeds that the preset has.
 ///
 /// # Errors
 /// If no interval exists for a count.
-pub fn sensitivity(rows: &[ScreenRow], printed: &Printed) -> Result<Section, ExperimentError> {
-    if way(rows, ProfileName::Sim, Variant::Relaxed).next().is_none() {
+pub fn sensitivity(
+    rounds: &[RoundRow],
+    rows: &[ScreenRow],
+    printed: &Printed,
+    of: u64,
+) -> Result<Section, ExperimentError> {
+    let (in_pools, in_rounds) = (of_pools(rows, printed)?, of_rounds(rounds, printed, of)?);
+    if in_pools.is_none() && in_rounds.is_none() {
         return Ok(Section::default());
+    }
+    let (tables, lines) = in_pools.into_iter().chain(in_rounds).unzip();
+    Ok(Section {
+        title: "Sensitivity to the thresholds".to_owned(),
+        text: Vec::new(),
+        tables,
+        plots: Vec::new(),
+        lines,
+    })
+}
+
+/// What the whole way comes to over rounds of upgrades, and what to say of it.
+fn of_rounds(
+    rows: &[RoundRow],
+    printed: &Printed,
+    of: u64,
+) -> Result<Option<(Table, String)>, ExperimentError> {
+    let moved = [Arm::Relaxed, Arm::Governed, Arm::Strict];
+    if !moved.iter().all(|arm| rows.iter().any(|row| row.arm == *arm)) {
+        return Ok(None);
+    }
+    let last = last_round(rows);
+    let mut table = Table::new(
+        "Rounds with the thresholds moved by a tenth, last round, percent",
+        &[
+            "thresholds",
+            "success",
+            "unsafe version in force",
+            "violations",
+            "unsafe / activated, all rounds",
+            "another version in force than as they are",
+            "paper: success",
+            "unsafe",
+            "violations",
+        ],
+        "Governed in each row, on the same candidates and held-out sequences. The paper's numbers are of five seeds and six rounds.",
+    );
+    table.seeds = Some((seeds_in(rows, |row| row.seed), of));
+    let t12 = &printed.t12;
+    let papers = t12.success.iter().zip(&t12.unsafe_activation).zip(&t12.violation);
+    let names = ["a tenth lower", "as they are", "a tenth higher"];
+    let mut changed = Vec::new();
+    for ((name, arm), ((success, unsafe_activation), violation)) in names.iter().zip(moved).zip(papers) {
+        let ours = |measure: Measure| mean(&by_seed(rows, arm, last, measure));
+        let said = |[mean, deviation]: &[f64; 2]| format!("{mean:.1} ± {deviation:.1}");
+        let otherwise = Proportion::of(rows.iter().filter(|row| row.arm == arm).filter_map(|row| {
+            let is_same =
+                |base: &&RoundRow| (base.arm, base.seed, base.round) == (Arm::Governed, row.seed, row.round);
+            Some(rows.iter().find(is_same)?.in_force != row.in_force)
+        }))?;
+        changed.push(otherwise.count);
+        table.row([
+            (*name).to_owned(),
+            ours(SUCCESS),
+            ours(LIVE_UNSAFE),
+            ours(VIOLATION),
+            counted(&unsafe_activations(rows, arm, None)?),
+            format!("{} of {} rounds", otherwise.count, otherwise.total),
+            said(success),
+            said(unsafe_activation),
+            said(violation),
+        ]);
+    }
+    let line = format!(
+        "Sensitivity in rounds: other versions are in force in {} rounds with thresholds a tenth lower, in {} a tenth higher",
+        changed.first().copied().unwrap_or(0),
+        changed.last().copied().unwrap_or(0)
+    );
+    Ok(Some((table, line)))
+}
+
+/// What becomes of the pools' candidates, and what to say of it.
+fn of_pools(rows: &[ScreenRow], printed: &Printed) -> Result<Option<(Table, String)>, ExperimentError> {
+    if way(rows, ProfileName::Sim, Variant::Relaxed).next().is_none() {
+        return Ok(None);
     }
     let mut table = Table::new(
         "Thresholds moved by a tenth (profile sim)",
@@ -69,17 +153,11 @@ pub fn sensitivity(rows: &[ScreenRow], printed: &Printed) -> Result<Section, Exp
             format!("{frr:.1} %"),
         ]);
     }
-    let [lower, _, higher, ..] = changed.as_slice() else { return Ok(Section::default()) };
+    let [lower, _, higher, ..] = changed.as_slice() else { return Ok(None) };
     let line = format!(
         "Sensitivity: with thresholds a tenth lower {} end otherwise, a tenth higher {}",
         counted(lower),
         counted(higher)
     );
-    Ok(Section {
-        title: "Sensitivity to the thresholds".to_owned(),
-        text: Vec::new(),
-        tables: vec![table],
-        plots: Vec::new(),
-        lines: vec![line],
-    })
+    Ok(Some((table, line)))
 }
