@@ -3,7 +3,9 @@
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use holdpoint_engine::StartError;
 use holdpoint_governance::TextError;
+use holdpoint_registry::StoreError;
 use serde::Serialize;
 
 use holdpoint_text::{Hint, Shown, Untrusted, WIDTH_MAX, sanitise};
@@ -225,6 +227,23 @@ pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
     // A closed pipe leaves nobody to tell.
     drop(error.print());
     if error.use_stderr() { Exit::Usage } else { Exit::Confirmed }
+}
+
+/// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
+pub(crate) fn start_error(error: StartError) -> CliError {
+    match &error {
+        StartError::Fault(_) => CliError::internal(error.sentence()),
+        StartError::Store(StoreError::LooserProfile { .. }) => CliError::held(error),
+        StartError::Store(_)
+        | StartError::Ledger(_)
+        | StartError::Profile(_)
+        | StartError::Baseline(_)
+        | StartError::LeftOut(_)
+        | StartError::OtherRobot { .. }
+        | StartError::Sim(_)
+        | StartError::Door(_)
+        | StartError::Thread(_) => CliError::usage(error),
+    }
 }
 
 #[cfg(test)]

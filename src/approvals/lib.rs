@@ -11,9 +11,11 @@ mod identity;
 pub mod keyfile;
 mod passphrase;
 mod person;
+mod profile_act;
 mod sealed;
 mod signed;
 mod witness_act;
+mod word;
 
 pub use call::{CallClaim, CallError, SignedCall};
 pub use identity::{Identity, IdentityError, IdentityInfo, KeptIdentity, People, WORD_LEN_MAX};
@@ -21,6 +23,7 @@ pub use passphrase::{PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, Pas
 pub use person::{
     PERSONS_MAX, Person, PersonAct, PersonActKind, PersonError, PersonState, Persons, SignedPersonAct,
 };
+pub use profile_act::{ProfileAct, SignedProfileAct};
 pub use sealed::{Cost, SealedError, SealedKey};
 pub use signed::{Approval, ApprovalError, Nonce, SignedApproval};
 pub use witness_act::{SignedWitnessAct, WitnessAct};

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use super::identity::Identity;
 use super::keyfile::hex;
 use super::person::{PersonError, Persons};
-use super::signed::{ApprovalError, REASON_ALLOWED, holds, is_reason};
+use super::signed::ApprovalError;
+use super::word::Word;
 use holdpoint_governance::ids::Digest;
-use holdpoint_text::is_visible;
 
 /// Separates these bytes from everything else that is ever signed.
 const DOMAIN: &str = "holdpoint/witness-act/v1";
@@ -89,16 +89,27 @@ impl SignedWitnessAct {
         &self.act
     }
 
+    fn word(&self, (folder, present): (&str, bool), after: Digest) -> Word<'_> {
+        let act = &self.act;
+        Word {
+            about: &act.folder,
+            by: &act.by,
+            reason: &act.reason,
+            store_id: &act.store_id,
+            guarded: act.guarded,
+            public_key: &self.public_key,
+            signature: &self.signature,
+            digest: act.digest(),
+            follows: (act.folder.as_str(), act.present, act.after) == (folder, present, after),
+        }
+    }
+
     /// Whether this may be done: the word holds, with a reason that can be read.
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
     pub fn check(&self, persons: &Persons, of: (&str, bool), after: Digest) -> Result<(), PersonError> {
-        if is_visible(&self.act.reason) {
-            return self.judge(persons, of, after);
-        }
-        let (name, allowed) = (self.act.folder.clone(), REASON_ALLOWED);
-        Err(PersonError::Field { name, field: "reason", allowed })
+        self.word(of, after).check(persons)
     }
 
     /// Whether a word on record holds: an administrator who is enrolled signed it, of this witness and over this end of the
@@ -106,27 +117,8 @@ impl SignedWitnessAct {
     ///
     /// # Errors
     /// [`PersonError`], the first thing that is wrong.
-    pub fn judge(
-        &self,
-        persons: &Persons,
-        (folder, present): (&str, bool),
-        after: Digest,
-    ) -> Result<(), PersonError> {
-        let act = &self.act;
-        let name = || act.folder.clone();
-        if !is_reason(&act.reason) {
-            return Err(PersonError::Field { name: name(), field: "reason", allowed: REASON_ALLOWED });
-        }
-        if !holds(&self.public_key, &self.signature, act.digest().bytes()) {
-            return Err(PersonError::Signature(act.by.clone()));
-        }
-        if act.store_id != persons.store_id() {
-            return Err(PersonError::OtherStore { name: name(), found: act.store_id.clone() });
-        }
-        if (act.folder.as_str(), act.present, act.after) != (folder, present, after) {
-            return Err(PersonError::DoesNotFollow(name()));
-        }
-        persons.check_signer(&act.by, &self.public_key)
+    pub fn judge(&self, persons: &Persons, of: (&str, bool), after: Digest) -> Result<(), PersonError> {
+        self.word(of, after).judge(persons)
     }
 
     /// Whether the signature is one that only the administrator could have made, as far as is on record.
@@ -134,10 +126,6 @@ impl SignedWitnessAct {
     /// # Errors
     /// [`PersonError::Unguarded`] or [`PersonError::SignerUnconfirmed`].
     pub fn check_guarded(&self, persons: &Persons) -> Result<(), PersonError> {
-        let by = &self.act.by;
-        if !persons.is_confirmed(by) {
-            return Err(PersonError::SignerUnconfirmed(by.clone()));
-        }
-        if self.act.guarded { Ok(()) } else { Err(PersonError::Unguarded(by.clone())) }
+        self.word((&self.act.folder, self.act.present), self.act.after).check_guarded(persons)
     }
 }

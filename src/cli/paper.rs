@@ -61,11 +61,11 @@ pub struct PaperArgs {
     /// Fewer seeds than the preset has.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
     pub seeds: Option<u64>,
-    /// Seeds whose pools are taken through the stages under each profile [default: the preset's].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
+    /// Seeds whose pools are taken through the stages under each profile, 0 for rounds alone [default: the preset's].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=60))]
     pub pools: Option<u64>,
     /// Of those, seeds whose pools go through with parts of the way left out, too [default: the preset's].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=60))]
     pub ablated: Option<u64>,
     /// Runs of the drift experiment [default: the preset's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=60))]

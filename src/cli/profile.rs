@@ -1,27 +1,38 @@
-//! `holdpoint profile show | check`: the numbers a profile holds candidates to, and why.
+//! `holdpoint profile show | check | allow`: the numbers a profile holds candidates to and why, and an administrator's word that a
+//! store may be used under a looser one.
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::chosen::{AskedProfile, AskedProfileParser, chosen, read};
+use super::data::database;
+use super::decide::{parse_identity, parse_reason};
 use super::output::Table;
+use super::passphrase;
+use super::prune::{now_secs, take_store};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
+use holdpoint_approvals::SignedProfileAct;
+use holdpoint_engine::caller;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
+use holdpoint_registry::{allow_profile, loosening_is_signed};
+use holdpoint_text::Untrusted;
 
 /// The arguments of `profile`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
   holdpoint profile show human
-  holdpoint profile check profiles/human.toml")]
+  holdpoint profile check profiles/human.toml
+  holdpoint profile allow sim --by admin --reason 'the cell is taken apart'")]
 pub struct ProfileArgs {
     /// The verb that was given, with its arguments.
     #[command(subcommand)]
@@ -48,6 +59,34 @@ Example:
         /// The profile file to check.
         file: PathBuf,
     },
+    /// Lets the next engine use the store under a looser profile than the last one, by an administrator's signed word.
+    #[command(after_help = "\
+A store that was used under `real` or `human` is not used under a looser
+profile by an option alone. The word is on record, and counts for the start
+right after it. No engine may have the store meanwhile. Where the store was
+used under `human` the administrator's key needs a passphrase.
+
+Example:
+  holdpoint profile allow sim --by admin --reason 'the cell is taken apart'")]
+    Allow(AllowArgs),
+}
+
+/// The arguments of `profile allow`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct AllowArgs {
+    /// The class of profile: sim or real.
+    #[arg(value_name = "PROFILE", value_parser = looser_profiles())]
+    profile: ProfileName,
+    /// The administrator who signs.
+    #[arg(long, value_name = "ADMIN", value_parser = parse_identity)]
+    by: String,
+    /// Why; goes into the audit log.
+    #[arg(long, value_name = "TEXT", value_parser = parse_reason)]
+    reason: Untrusted,
+    /// Takes the passphrase of the administrator's key from this file (mode 0600) and not from the terminal. The
+    /// variable `HOLDPOINT_PASSPHRASE_FILE` names one as well.
+    #[arg(long, value_name = "FILE")]
+    passphrase_file: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
@@ -95,8 +134,48 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Re
             };
             out.answer(&checked, |out| print_check(&checked, out))?;
         }
+        ProfileVerb::Allow(args) => allow(context, args, out)?,
     }
     Ok(Exit::Confirmed)
+}
+
+/// The profiles that are looser than another.
+fn looser_profiles() -> impl TypedValueParser<Value = ProfileName> {
+    PossibleValuesParser::new([ProfileName::Sim, ProfileName::Real].map(ProfileName::name))
+        .try_map(|text| text.parse::<ProfileName>())
+}
+
+/// Puts an administrator's word on record that a looser profile may be used next.
+fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result<(), CliError> {
+    let profile = args.profile;
+    database(&context.data)?;
+    let store = take_store(&context.data)?;
+    let views = store.views().map_err(CliError::usage)?;
+    let last = views.context().map_err(CliError::usage)?.map(|(last, _, _)| last);
+    let (persons, head) = (views.persons().map_err(CliError::usage)?, views.head().map_err(CliError::usage)?);
+    drop(views);
+    if !last.is_some_and(|last| loosening_is_signed(last, profile)) {
+        let last = last.map_or_else(
+            || "the store was not used yet".to_owned(),
+            |last| format!("the store was last used under {last}"),
+        );
+        return Err(CliError::usage(format!("{last}, and {profile} is no looser profile"))
+            .with_hint(format!("start with `--profile {profile}`: nobody has to sign for it")));
+    }
+    let signer = passphrase::unlock(passphrase::kept(context, &args.by)?, args.passphrase_file.as_deref())?;
+    let end = (store.store_id(), head.hash);
+    let signed =
+        SignedProfileAct::by(&signer, profile, end, args.reason.raw()).map_err(CliError::internal)?;
+    signed.check(&persons, profile, head.hash).map_err(CliError::held)?;
+    if last == Some(ProfileName::Human) {
+        signed.check_guarded(&persons).map_err(CliError::held)?;
+    }
+    let asks = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
+    let wall_ms = i64::try_from(now_secs().saturating_mul(1_000)).unwrap_or(i64::MAX);
+    allow_profile(&store, profile, (asks, signed), wall_ms).map_err(CliError::usage)?;
+    out.answer(&json!({ "allowed": profile, "by": args.by }), |out| {
+        out.line(&format!("{profile} is allowed by {} for the start that is next", args.by))
+    })
 }
 
 fn rules(chosen: &ChosenProfile) -> Result<(Profile, PolicyTable), CliError> {

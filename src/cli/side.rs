@@ -7,18 +7,18 @@ use super::chosen;
 use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
-use crate::error::{CliError, Exit};
+use crate::error::{CliError, Exit, start_error};
 use holdpoint_approvals::{Identity, Nonce, SignedCall};
 use holdpoint_engine::bound;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::{Config, Engine, StartError};
+use holdpoint_engine::{Config, Engine};
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::Layout;
-use holdpoint_text::{Hint, Problem};
+use holdpoint_text::Problem;
 
 /// Who carries out a verb.
 pub(super) enum Side {
@@ -164,22 +164,6 @@ pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
             "put the file back, or start an engine with `holdpoint run --robot FILE`, which carries verbs out as well",
         )
     })
-}
-
-/// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
-pub(super) fn start_error(error: StartError) -> CliError {
-    match &error {
-        StartError::Fault(_) => CliError::internal(error.sentence()),
-        StartError::Store(_)
-        | StartError::Ledger(_)
-        | StartError::Profile(_)
-        | StartError::Baseline(_)
-        | StartError::LeftOut(_)
-        | StartError::OtherRobot { .. }
-        | StartError::Sim(_)
-        | StartError::Door(_)
-        | StartError::Thread(_) => CliError::usage(error),
-    }
 }
 
 /// An engine that does not answer, or ended, holds; the rest the caller can put right.

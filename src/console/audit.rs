@@ -103,6 +103,7 @@ const fn is_of_people(kind: RecordKind) -> bool {
             | RecordKind::ShiftNote
             | RecordKind::CellStopped
             | RecordKind::CellReleased
+            | RecordKind::ProfileAllowed
             | RecordKind::WitnessSet
             | RecordKind::StoreRebuilt
     )
@@ -118,6 +119,7 @@ const fn is_of_store(kind: RecordKind) -> bool {
             | RecordKind::KeptVoided
             | RecordKind::Recording
             | RecordKind::RecordingRemoved
+            | RecordKind::ProfileAllowed
             | RecordKind::WitnessSet
             | RecordKind::StoreRebuilt
     )
@@ -343,6 +345,7 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
         | RecordKind::Shown
         | RecordKind::Recording
         | RecordKind::RecordingRemoved
+        | RecordKind::ProfileAllowed
         | RecordKind::WitnessSet
         | RecordKind::StoreRebuilt => return None,
     })

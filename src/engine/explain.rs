@@ -106,6 +106,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::RecordingRemoved
+            | RecordKind::ProfileAllowed
             | RecordKind::WitnessSet
             | RecordKind::StoreRebuilt => {}
         }

@@ -309,7 +309,12 @@ impl Engine {
             controls,
             omitted,
         };
-        let pipeline = Pipeline::new(settings, ledger, clock, baselines)?;
+        let pipeline = Pipeline::new(settings, ledger, clock, baselines).map_err(|fault| match fault {
+            // Nobody failed: the store refuses the profile.
+            Fault::Store(error @ StoreError::LooserProfile { .. })
+            | Fault::Ledger(LedgerError::Store(error @ StoreError::LooserProfile { .. })) => error.into(),
+            fault => StartError::Fault(fault),
+        })?;
         Ok(Self {
             pipeline,
             next_seq: 1,

@@ -23,7 +23,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditFilter, Change, Store};
+use holdpoint_registry::{AuditFilter, Change, Store, StoreError};
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
@@ -31,7 +31,7 @@ use holdpoint_sim::robot::RobotModel;
 
 use crate::cell::Cell;
 use crate::ledger::{Ledger, Note};
-use crate::people::persons::enrolled;
+use crate::people::persons::{enrolled, loosened};
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
@@ -380,8 +380,18 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
     assert_eq!(view["stale"], serde_json::json!(["profile"]));
     let line = second.snapshot().candidates.remove(0).stale_line();
     assert_eq!(line.as_deref(), Some("STALE, measured under another profile"));
-    // Back under what it was measured under it counts again.
+    // To a looser profile than people's it goes by an administrator's word alone; without one nothing is changed.
     drop(second);
+    let head = || Store::open(folder.path()).unwrap().opening().head.seq;
+    let before = head();
+    let refused = engine(folder.path(), "arm7").err().unwrap();
+    assert!(
+        matches!(refused, StartError::Store(StoreError::LooserProfile { last: ProfileName::Human, .. })),
+        "{refused}"
+    );
+    assert_eq!(head(), before, "nothing was written");
+    loosened(folder.path(), ProfileName::Sim);
+    // Back under what it was measured under it counts again.
     assert_eq!(stale(&pipeline(folder.path(), ProfileName::Sim)), []);
     // Another active version is another comparison.
     let mut third = pipeline(folder.path(), ProfileName::Sim);

@@ -50,6 +50,8 @@ crate::words! {
         PersonRevoked = "person-revoked",
         /// Profile, policy or thresholds changed.
         ContextSet = "context-set",
+        /// An administrator let the store be used under a looser profile next: which, who and why.
+        ProfileAllowed = "profile-allowed",
         /// A profile that does not come with the program came into force: its texts.
         ProfileLoaded = "profile-loaded",
         /// A batch of telemetry is on disk.

@@ -6,7 +6,7 @@ use std::path::Path;
 use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
 use super::script::{SCRIPT_BYTES_MAX, Script};
-use crate::error::{CliError, Exit};
+use crate::error::{CliError, Exit, start_error};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
@@ -16,7 +16,6 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_registry::KeptCells;
-use holdpoint_text::Hint;
 
 pub struct RunScript<'a> {
     pub script: &'a Path,
@@ -129,12 +128,4 @@ pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
 
 pub(super) fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
     Cell::of(robot).map_err(|error| CliError::usage(error.to_string()))
-}
-
-/// What cannot be opened or read is the caller's to mend; a fault of the engine is not.
-pub(super) fn start_error(error: holdpoint_engine::StartError) -> CliError {
-    match &error {
-        holdpoint_engine::StartError::Fault(_) => CliError::internal(error.sentence()),
-        _ => CliError::usage(error),
-    }
 }

@@ -398,7 +398,13 @@ impl Applier<'_> {
                 self.consume_approval(nonce, *evidence_digest)
             }
             Change::SetContext { profile, policy_digest, json } => {
-                self.set_context(*profile, *policy_digest, json)
+                self.check_profile(*profile)?;
+                self.write_context(*profile, *policy_digest, json)
+            }
+            Change::AllowProfile { profile, by, act } => {
+                check_json("caller", by)?;
+                self.check_profile_act(*profile, act)?;
+                Ok(Touched::new(RecordKind::ProfileAllowed, ""))
             }
             Change::SealTelemetry { .. }
             | Change::SealTelemetryBlock { .. }
@@ -474,7 +480,7 @@ impl Applier<'_> {
         .ok_or(StoreError::NotFound { what: "context (profile and policy)", name: "set it first".to_owned() })
     }
 
-    fn set_context(
+    pub(super) fn write_context(
         &mut self,
         profile: ProfileName,
         policy_digest: Digest,

@@ -1,8 +1,5 @@
 //! Witnesses are added and removed on record, and where robots or people are at risk by an administrator's signed word.
 
-use rusqlite::Connection;
-use serde::Deserialize;
-
 use super::apply::Applier;
 use super::change::{Change, Transaction, command_id};
 use super::error::StoreError;
@@ -11,10 +8,8 @@ use super::open::open_reader;
 use super::signed;
 use super::store::Store;
 use super::witness::{check_path, prepare, witnesses};
-use holdpoint_approvals::{Person, Persons, SignedWitnessAct};
-use holdpoint_governance::ids::Digest;
+use holdpoint_approvals::SignedWitnessAct;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::RecordKind;
 
 /// Who asked for a witness, as the system says, JSON text, and the administrator who answers for it.
 pub type WitnessedBy = (String, Option<Box<SignedWitnessAct>>);
@@ -101,44 +96,4 @@ impl Applier<'_> {
         });
         checked.map_err(|error| refused(error.to_string()))
     }
-}
-
-/// The part of a witness's record that is looked at.
-#[derive(Deserialize)]
-struct WitnessOnRecord {
-    change: Change,
-}
-
-/// Looks at every signed word on a witness again: whose it is, and that they were an administrator then. Tells whose is
-/// bad, and why.
-///
-/// # Errors
-/// If the store cannot be read.
-pub(crate) fn check_witness_acts(
-    connection: &Connection,
-    persons: &Persons,
-) -> rusqlite::Result<Result<(), (String, String)>> {
-    let mut select = connection.prepare("SELECT seq, prev, body FROM audit WHERE kind = ?1 ORDER BY seq")?;
-    let mut rows = select.query([RecordKind::WitnessSet.name()])?;
-    while let Some(row) = rows.next()? {
-        let (seq, prev, body): (u64, [u8; 32], String) = (row.get(0)?, row.get(1)?, row.get(2)?);
-        let Ok(WitnessOnRecord { change: Change::SetWitness { folder, present, act: Some(act), .. } }) =
-            serde_json::from_str(&body)
-        else {
-            continue;
-        };
-        let by = act.act().by.clone();
-        let span =
-            connection.query_row("SELECT seq, revoked_seq FROM person WHERE name = ?1", [&by], |row| {
-                Ok((row.get::<_, u64>(0)?, row.get::<_, Option<u64>>(1)?))
-            });
-        let was_enrolled =
-            span.is_ok_and(|(since, until)| since < seq && until.is_none_or(|until| seq < until));
-        let then = |person: &Person| person.name != by || was_enrolled;
-        let checked = act.judge(&persons.at_a_time(then), (&folder, present), Digest::from_bytes(prev));
-        if let Err(error) = checked {
-            return Ok(Err((by, format!("in record {seq}: {error}"))));
-        }
-    }
-    Ok(Ok(()))
 }

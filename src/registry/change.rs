@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::error::StoreError;
 use super::names::{EvidenceKind, RequestState};
-use holdpoint_approvals::{Nonce, PersonActKind, SignedApproval, SignedPersonAct, SignedWitnessAct};
+use holdpoint_approvals::{
+    Nonce, PersonActKind, SignedApproval, SignedPersonAct, SignedProfileAct, SignedWitnessAct,
+};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Flags;
@@ -237,13 +239,22 @@ pub enum Change {
         /// Digest of the evidence as it stands now; must be what was approved.
         evidence_digest: Digest,
     },
-    /// The profile, policy or thresholds change; voids everything made under the old ones.
+    /// The profile, policy or thresholds change; voids everything made under the old ones. Checked: that a looser profile
+    /// follows an [`Change::AllowProfile`] at once.
     SetContext {
         profile: ProfileName,
         /// Digest of profile, policy set and thresholds together.
         policy_digest: Digest,
         /// What it consists of, JSON text.
         json: String,
+    },
+    /// The store may be used under a looser profile next. Checked: that an administrator who is enrolled signed it over this
+    /// end of the chain; it is used up by whatever is on record next.
+    AllowProfile {
+        profile: ProfileName,
+        /// Who asked for it, as the system says, JSON text.
+        by: String,
+        act: Box<SignedProfileAct>,
     },
     /// Batches of telemetry are on disk; their digests enter the chain as one record.
     SealTelemetryBlock {
@@ -341,6 +352,7 @@ impl Change {
             | Self::PutApproval(_)
             | Self::ConsumeApproval { .. }
             | Self::SetContext { .. }
+            | Self::AllowProfile { .. }
             | Self::SetWitness { .. } => true,
             Self::SetState { from, to, .. } => match to {
                 State::Registered | State::Validated | State::Sandboxed | State::Shadowed => true,

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::row_limit::ROW_BYTES_MAX;
 use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_text::Hint;
 
 /// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed if one is returned,
@@ -75,6 +76,9 @@ pub enum StoreError {
         /// Digest of the robot it was to be activated with.
         given: String,
     },
+    /// A looser profile than the last one, and no administrator's word right before it.
+    #[error("the store was last used under the profile {last}, and {next} is a looser one")]
+    LooserProfile { last: ProfileName, next: ProfileName },
     /// Somebody else wrote to the database of a running engine. Nothing is written over it.
     #[error("the store was changed behind the engine: {0}")]
     Altered(String),
@@ -130,6 +134,13 @@ impl Hint for StoreError {
                 "start with the robot it was made with, or choose another store with `--data`: what was measured on \
                  one robot says nothing of another"
                     .into(),
+            ),
+            Self::LooserProfile { next, .. } => Some(
+                format!(
+                    "an administrator signs for it: `holdpoint profile allow {next} --by ADMIN --reason TEXT`, and the start right \
+                     after it may use {next}"
+                )
+                .into(),
             ),
             Self::Io { .. }
             | Self::Sqlite { .. }

@@ -1,4 +1,4 @@
-//! What the bodies of exported records say of persons, witnesses, approvals and rebuilds. Each has one text, as
+//! What the bodies of exported records say of persons, witnesses, looser profiles, approvals and rebuilds. Each has one text, as
 //! [`canonical_json`] writes it, and the fields of its form.
 
 use serde::de::DeserializeOwned;
@@ -7,8 +7,9 @@ use serde_json::Value;
 
 use super::approve::ApprovalOnRecord;
 use super::lost::RebuiltChange;
-use holdpoint_approvals::{SignedPersonAct, SignedWitnessAct};
+use holdpoint_approvals::{SignedPersonAct, SignedProfileAct, SignedWitnessAct};
 use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 
 /// The most commas and opening brackets of a body: its values are not more.
@@ -25,6 +26,7 @@ pub(super) enum Said {
         signed: Box<SignedPersonAct>,
     },
     Witness(WitnessOnRecord),
+    Profile(ProfileOnRecord),
     /// Nonces of approvals that a rebuild gave up.
     Lost(Vec<String>),
     Nothing,
@@ -40,6 +42,16 @@ pub(super) struct WitnessOnRecord {
     by: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) act: Option<Box<SignedWitnessAct>>,
+}
+
+/// A looser profile that was allowed.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ProfileOnRecord {
+    change: String,
+    pub(super) profile: ProfileName,
+    by: String,
+    pub(super) act: Box<SignedProfileAct>,
 }
 
 /// A body of a record that the store writes itself.
@@ -73,6 +85,11 @@ pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<Said, String
             let change: WitnessOnRecord = change_of(text)?;
             named(&change.change, "set-witness")?;
             Ok(Said::Witness(change))
+        }
+        Some(RecordKind::ProfileAllowed) => {
+            let change: ProfileOnRecord = change_of(text)?;
+            named(&change.change, "allow-profile")?;
+            Ok(Said::Profile(change))
         }
         Some(RecordKind::StoreRebuilt) => {
             let Body { change, rows } = typed::<Body<RebuiltChange>>(value_of(text)?)?;

@@ -9,16 +9,23 @@ use super::approve::ApprovalOnRecord;
 use super::audit::Head;
 use super::checkpoint::{Checkpoint, Kept, check_links, check_newest};
 use super::copies::HEADS_MAX;
-use super::export_body::{self, Said};
+use super::export_body::{self, ProfileOnRecord, Said};
 use super::export_line::{ExportHeader, ExportLine};
 use super::fold::START;
 use super::merkle::Frontier;
 use super::unsound::VerifyError;
 use holdpoint_approvals::keyfile::hex;
-use holdpoint_approvals::{PersonActKind, PersonState, Persons, SignedApproval, SignedPersonAct};
+use holdpoint_approvals::{
+    PersonActKind, PersonError, PersonState, Persons, SignedApproval, SignedPersonAct,
+};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+
+/// A word on record that does not hold, and whose it is to be.
+fn bad_word(by: &str, error: &PersonError) -> VerifyError {
+    VerifyError::Person { name: by.to_owned(), problem: error.to_string() }
+}
 
 /// What was read of a file. Its records are let go once they were looked at.
 pub(super) struct Exported {
@@ -126,11 +133,13 @@ impl Exported {
             Said::Witness(witness) => {
                 if let Some(act) = &witness.act {
                     let of = (witness.folder.as_str(), witness.present);
-                    act.judge(&self.persons, of, record.prev).map_err(|error| VerifyError::Person {
-                        name: act.act().by.clone(),
-                        problem: error.to_string(),
-                    })?;
+                    let judged = act.judge(&self.persons, of, record.prev);
+                    judged.map_err(|error| bad_word(&act.act().by, &error))?;
                 }
+            }
+            Said::Profile(ProfileOnRecord { profile, act, .. }) => {
+                let judged = act.judge(&self.persons, profile, record.prev);
+                judged.map_err(|error| bad_word(&act.act().by, &error))?;
             }
             Said::Lost(nonces) => self.lost.extend(nonces),
             Said::Nothing => {}

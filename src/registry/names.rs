@@ -28,6 +28,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::TelemetryMissed
         | RecordKind::AlarmChanged
         | RecordKind::WitnessSet
+        | RecordKind::ProfileAllowed
         | RecordKind::StoreRebuilt => true,
         RecordKind::ProfileLoaded
         | RecordKind::Decision

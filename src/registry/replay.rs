@@ -86,8 +86,12 @@ impl Applier<'_> {
             Change::SetActive { family, active, pinned, cause, robot } => {
                 self.write_active(family, (active.as_ref(), pinned.as_ref()), cause, robot.as_deref())
             }
-            // It writes no row.
-            Change::SetWitness { .. } => return Ok(()),
+            // They write no row.
+            Change::SetWitness { .. } | Change::AllowProfile { .. } => return Ok(()),
+            // Earlier versions asked for no word on a looser profile.
+            Change::SetContext { profile, policy_digest, json } => {
+                self.write_context(*profile, *policy_digest, json)
+            }
             Change::ConsumeApproval { nonce, .. } => return self.write_consumed(nonce),
             Change::EnrolPerson(signed) | Change::ConfirmPerson(signed) | Change::RevokePerson(signed) => {
                 self.write_person_act(signed)
@@ -101,7 +105,6 @@ impl Applier<'_> {
             | Change::PutEvidence { .. }
             | Change::PutApprovalRequest(_)
             | Change::PutApproval(_)
-            | Change::SetContext { .. }
             | Change::SealTelemetry { .. }
             | Change::SealTelemetryBlock { .. }
             | Change::PruneTelemetry { .. }

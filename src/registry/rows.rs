@@ -165,6 +165,7 @@ pub(crate) fn rows_of(change: &Change, seq: u64) -> Vec<RowName> {
         | Change::SealTelemetryBlock { .. }
         | Change::PruneTelemetry { .. }
         | Change::SetWitness { .. }
+        | Change::AllowProfile { .. }
         | Change::MissTelemetry { .. } => Vec::new(),
         Change::AlarmChange { alarm, .. } => vec![(T::Alarm, alarm.clone())],
     }

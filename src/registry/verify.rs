@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use ed25519_dalek::VerifyingKey;
 use serde::Serialize;
 
-use super::appointment::check_witness_acts;
 use super::aside::wrong_shape;
 use super::audit::head;
 use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
@@ -30,6 +29,7 @@ use super::structure;
 use super::telemetry::check_batch;
 use super::unsound::VerifyError;
 use super::witness::folder_of;
+use super::words::check_words;
 use holdpoint_governance::ids::Digest;
 
 /// Where a database lies.
@@ -228,7 +228,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     let persons = people::read(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
-    check_witness_acts(&connection, &persons)
+    check_words(&connection, &persons)
         .map_err(unreadable)?
         .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {

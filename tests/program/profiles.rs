@@ -95,6 +95,49 @@ fn a_profile_of_ones_own_is_on_record_and_a_store_goes_on_under_it_without_the_f
     assert_eq!(on(&store, &["audit", "verify"]).status.code(), Some(0));
 }
 
+/// An option alone would do away with the people whom the stricter profile asks.
+#[test]
+fn a_looser_profile_takes_an_administrators_word() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    let scenario = |name: &str| {
+        let script = format!("{}/tests/scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        on(&store, &["run", "--headless", "--script", &script])
+    };
+    let ends = |output: &Output, code: i32, parts: &[&str]| {
+        let said = text(output);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+    };
+    let allow = ["profile", "allow", "sim", "--by", "admin", "--reason", "taken apart"];
+    ends(&on(&store, &allow), 2, &["there is no store"]);
+    assert_eq!(on(&store, &["run", "--plain", "--profile", "human"]).status.code(), Some(5));
+    let before = records(&store, "context-set").len();
+    let refused =
+        ["the store was last used under the profile human, and sim is a looser one", "profile allow sim"];
+    ends(&on(&store, &["run", "--plain", "--profile", "sim"]), 3, &refused);
+    ends(&scenario("reject-interface"), 3, &refused);
+    assert_eq!(records(&store, "context-set").len(), before);
+    // Whoever can read a key without a passphrase is not the administrator.
+    ends(&on(&store, &allow), 3, &["had no passphrase", "identity passphrase admin"]);
+    let oak = root.path().join("oak");
+    fs::write(&oak, "under the oak\n").unwrap();
+    fs::set_permissions(&oak, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+    let oak = oak.to_str().unwrap();
+    let kept = on(&store, &["identity", "passphrase", "admin", "--new-passphrase-file", oak]);
+    assert!(kept.status.success(), "{}", text(&kept));
+    let human = ["profile", "allow", "real", "--by", "nobody", "--reason", "a try", "--passphrase-file", oak];
+    ends(&on(&store, &human), 2, &["nobody"]);
+    let signed = on(&store, &[&allow[..], &["--passphrase-file", oak]].concat());
+    ends(&signed, 0, &["sim is allowed by admin for the start that is next"]);
+    let word = records(&store, "profile-allowed").remove(0).to_string();
+    assert!(word.contains("taken apart"), "{word}");
+    ends(&scenario("reject-interface"), 1, &[]);
+    ends(&on(&store, &[&allow[..], &["--passphrase-file", oak]].concat()), 2, &["sim is no looser profile"]);
+    let verified = on(&store, &["audit", "verify"]);
+    assert!(verified.status.success(), "{}", text(&verified));
+}
+
 #[test]
 fn what_cannot_be_meant_is_refused_by_check_and_by_every_verb_that_uses_it() {
     let root = tempfile::tempdir().unwrap();

@@ -36,7 +36,7 @@ ACTS = {
     "person-confirmed": ("confirm-person", "confirm"),
     "person-revoked": ("revoke-person", "revoke"),
 }
-TAKEN = ("approval-put", "witness-set", "store-rebuilt", *ACTS)
+TAKEN = ("approval-put", "witness-set", "profile-allowed", "store-rebuilt", *ACTS)
 ZEROS = bytes(32)
 
 
@@ -256,13 +256,29 @@ class Persons:
             return
         said = fields(change["act"], "act", "public_key", "signature")
         act = fields(said["act"], "after", "by", "folder", "guarded", "present", "reason", "store_id")
+        about = [text(act["folder"]), b"present" if truth(act["present"]) else b""]
+        told = (act["folder"], act["present"]) == (change["folder"], change["present"])
+        self.take_word(record, said, "holdpoint/witness-act/v1", about, told)
+
+    def take_profile(self, record, change):
+        """Looks at an administrator's word on a looser profile."""
+        fields(change, "act", "by", "change", "profile")
+        word(change["change"], ["allow-profile"])
+        text(change["by"]), word(change["profile"], PROFILES)
+        said = fields(change["act"], "act", "public_key", "signature")
+        act = fields(said["act"], "after", "by", "guarded", "profile", "reason", "store_id")
+        told = word(act["profile"], PROFILES) == change["profile"]
+        self.take_word(record, said, "holdpoint/profile-act/v1", [text(act["profile"])], told)
+
+    def take_word(self, record, said, domain, about, told):
+        """Looks at an administrator's word: what it is about, whether that is what the record says, whose it is."""
+        act = said["act"]
         by = act["by"]
         signed = digest(
-            "holdpoint/witness-act/v1",
+            domain,
             text(act["store_id"]),
             digits(act["after"], 32),
-            text(act["folder"]),
-            b"present" if truth(act["present"]) else b"",
+            *about,
             text(by),
             text(act["reason"]),
             b"guarded" if truth(act["guarded"]) else b"",
@@ -276,10 +292,9 @@ class Persons:
         except ValueError as error:
             raise Bad("person", by, "a key of the word is none") from error
         if not is_signed(signer, signature, signed):
-            raise Bad("person", by, "the signature does not match the word on a witness")
-        told = (text(act["store_id"]), act["folder"], act["present"], act["after"])
-        if told != (self.store_id, change["folder"], change["present"], record["prev"]):
-            raise Bad("person", by, "the word on a witness is of another place, or another end of the chain")
+            raise Bad("person", by, "the signature does not match the word")
+        if not told or (text(act["store_id"]), act["after"]) != (self.store_id, record["prev"]):
+            raise Bad("person", by, "the word is of something else, or another end of the chain")
         if by in self.revoked or self.keys.get(by) != said["public_key"] or self.roles[by] != "admin":
             raise Bad("person", by, "who signed is no administrator who is enrolled")
 
@@ -387,6 +402,8 @@ class Export:
             self.take_put(record["subject"], fields(change, *TOLD))
         elif record["kind"] == "witness-set":
             self.persons.take_witness(record, change)
+        elif record["kind"] == "profile-allowed":
+            self.persons.take_profile(record, change)
         elif record["kind"] == "store-rebuilt":
             lost_by(change)
             self.lost.update(key for table, key, _ in body["rows"] if table == "approval")

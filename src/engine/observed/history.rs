@@ -283,6 +283,7 @@ impl History {
             | RecordKind::RecordingRemoved
             | RecordKind::TelemetryPruned
             | RecordKind::TelemetryMissed
+            | RecordKind::ProfileAllowed
             | RecordKind::WitnessSet
             | RecordKind::StoreRebuilt => {}
         }

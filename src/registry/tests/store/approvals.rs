@@ -101,7 +101,11 @@ fn an_approval_of_something_else_is_refused() {
 fn what_happens_later_voids_it() {
     type Event = fn() -> Vec<Change>;
     let events: [(&str, Event); 4] = [
-        ("profile", || vec![context(ProfileName::Human), context(ProfileName::Sim)]),
+        ("profile", || {
+            let (profile, json) = (ProfileName::Sim, "{}".into());
+            let other = Change::SetContext { profile, policy_digest: digest("other policies"), json };
+            vec![other, context(profile)]
+        }),
         ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: "other active".into() }]),
         ("state", || vec![set_state(NEW, 4, State::Shadowed, State::Demoted)]),
         ("use", || vec![consume(NEW, 1)]),

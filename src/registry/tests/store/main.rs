@@ -24,6 +24,7 @@ mod kill;
 mod killed;
 mod lengths;
 mod long;
+mod loosened;
 #[path = "../../../../tests/fuzz/mutate.rs"]
 mod mutate;
 mod opening;

@@ -5,11 +5,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use holdpoint_approvals::{Identity, SignedWitnessAct};
+use holdpoint_approvals::{Identity, SignedProfileAct, SignedWitnessAct};
 use holdpoint_governance::approval::Role;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    ExportReport, Exporting, UnsignedRecords, VerifyError, add_witness, export_store, is_exported, rebuild,
-    verify, verify_export,
+    ExportReport, Exporting, UnsignedRecords, VerifyError, add_witness, allow_profile, export_store,
+    is_exported, rebuild, verify, verify_export,
 };
 
 use crate::damage::rewrite;
@@ -108,7 +109,7 @@ pub fn same(ours: &Result<ExportReport, VerifyError>, theirs: &serde_json::Value
     if is_same { Ok(()) } else { Err(format!("theirs: {theirs}, ours: {ours:?}")) }
 }
 
-/// An administrator confirms somebody, and answers for a witness.
+/// An administrator confirms somebody, and answers for a witness and for a looser profile.
 pub fn vouched(folder: &Path, witness: &Path) {
     let store = open(folder);
     confirm(&store, "ada");
@@ -116,6 +117,11 @@ pub fn vouched(folder: &Path, witness: &Path) {
     let end = (store.store_id(), head.hash);
     let act = SignedWitnessAct::by(&administrator(&store), (&place, true), end, "a test").unwrap();
     add_witness(&store, &place, ("{}".to_owned(), Some(Box::new(act))), 7).unwrap();
+    commit(&store, "real", vec![context(ProfileName::Real)]).unwrap();
+    let after = store.views().unwrap().head().unwrap().hash;
+    let end = (store.store_id(), after);
+    let act = SignedProfileAct::by(&administrator(&store), ProfileName::Sim, end, "a test").unwrap();
+    allow_profile(&store, ProfileName::Sim, ("{}".to_owned(), act), 7).unwrap();
 }
 
 /// Stores with approvals, of an earlier version, and rebuilt with a gap.
@@ -266,6 +272,12 @@ fn persons_and_who_approved_are_judged_by_both() {
         (
             "which witness",
             body("\"present\":true", "\"present\":false", &of_kind("witness-set")),
+            "the person",
+        ),
+        ("a profile", body("a test", "no test", &of_kind("profile-allowed")), "the person \"admin\" is bad"),
+        (
+            "which profile",
+            body("\"profile\":\"sim\"}", "\"profile\":\"real\"}", &of_kind("profile-allowed")),
             "the person",
         ),
         ("an unknown giver", body("\"who\":\"ada\"", "\"who\":\"zoe\"", put), "was not enrolled then"),
