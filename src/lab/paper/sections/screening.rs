@@ -165,6 +165,9 @@ fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
+/// How a way ended, in words, and whether a fate is that.
+type End = (&'static str, fn(Fate) -> bool);
+
 /// The marginal faults, which the paper's screening lets through: how near to the thresholds they are, by where they end.
 fn marginal(rows: &[&ScreenRow], printed: &Printed) -> Table {
     let mut table = Table::new(
@@ -196,7 +199,7 @@ fn marginal(rows: &[&ScreenRow], printed: &Printed) -> Table {
             format!("rho {before:.2} to {after:.2}, found by shadow or monitor"),
         ),
     ] {
-        let ends: [(&str, fn(Fate) -> bool); 5] = [
+        let ends: [End; 5] = [
             ("stopped by validation", |fate| fate == Fate::Blocked { stage: Stage::Validation }),
             ("stopped by the sandbox", |fate| fate == Fate::Blocked { stage: Stage::Sandbox }),
             ("stopped by shadow or gate", |fate| {
