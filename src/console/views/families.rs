@@ -70,7 +70,7 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
     if let Some(progress) = own(now, family).and_then(worked_again) {
         row.push(
             ThemeRole::Warning,
-            &format!("  suspicious, worked again, {} of {}", progress.done, progress.budget),
+            &format!("  suspicious, {} of {} worked again", progress.done, progress.budget),
         );
     } else if let Some((worked, needed)) = family.provisional {
         let so_far =

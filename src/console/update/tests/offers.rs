@@ -285,7 +285,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
 /// Its window was over, and nothing said what it goes on being provisional for.
 #[test]
 fn a_provisional_version_says_what_it_waits_for_after_its_window() {
-    let over = |change: &dyn Fn(&mut Snapshot)| {
+    let sized = |change: &dyn Fn(&mut Snapshot), columns, rows| {
         let mut console = TestConsole::new(0);
         with(&mut console, |now| {
             now.families[0].provisional = Some((40, 40));
@@ -294,8 +294,9 @@ fn a_provisional_version_says_what_it_waits_for_after_its_window() {
             now.prompts.clear();
             change(now);
         });
-        screen(&console, 160, 40)
+        screen(&console, columns, rows)
     };
+    let over = |change: &dyn Fn(&mut Snapshot)| sized(change, 160, 40);
     let own = |now: &mut Snapshot| {
         let state = State::Active;
         now.candidates.push(CandidateView { state, flags: Flags::default(), ..at_work("grasp@1.2.0") });
@@ -316,10 +317,15 @@ fn a_provisional_version_says_what_it_waits_for_after_its_window() {
         (over(&|_: &mut Snapshot| ()), "waits for its confirmation"),
         (over(&behind), "waits for its confirmation, behind align@2.0.0"),
         (over(&own), "in confirmation, 3 of 9"),
-        (over(&again), "suspicious, worked again, 3 of 9"),
-        (over(&confirmed_and_again), "suspicious, worked again, 3 of 9"),
+        (over(&again), "suspicious, 3 of 9 worked again"),
+        (over(&confirmed_and_again), "suspicious, 3 of 9 worked again"),
     ] {
         assert!(text.contains(said) && !text.contains("window over"), "{said}: {text}");
+    }
+    // What stands first is what is left on a smaller screen.
+    for (columns, rows, said) in [(100, 30, "suspicious, 3 of 9"), (80, 24, "suspi")] {
+        let text = sized(&confirmed_and_again, columns, rows);
+        assert!(text.contains(said), "{columns}x{rows}: {text}");
     }
 }
 
