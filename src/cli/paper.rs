@@ -112,7 +112,7 @@ pub fn run(args: &PaperArgs, part: Part, out: &mut Output<'_>) -> Result<Exit, C
     let preset = Preset::from(args.preset);
     let mut size = preset.size();
     if let Some(first) = args.first_seed {
-        size = size.from(first).ok_or_else(|| {
+        size = size.beginning_at(first).ok_or_else(|| {
             CliError::usage(ExperimentError::Option {
                 option: "--first-seed",
                 value: first.to_string(),

@@ -50,7 +50,7 @@ impl Size {
 
     /// The same from one of its seeds on; nothing if that is none of them.
     #[must_use]
-    pub fn from(self, first: u64) -> Option<Self> {
+    pub fn beginning_at(self, first: u64) -> Option<Self> {
         let skipped = first.checked_sub(self.first_seed).filter(|skipped| *skipped < self.seeds)?;
         Some(Self { first_seed: first, seeds: self.seeds - skipped, ..self })
     }
@@ -101,10 +101,10 @@ mod tests {
     #[test]
     fn a_later_first_seed_leaves_those_that_follow_it() {
         let size = Preset::Claims.size();
-        let later = size.from(55).unwrap();
+        let later = size.beginning_at(55).unwrap();
         assert!(later.run_seeds().eq(55..80), "{later:?}");
-        assert_eq!(size.from(40), Some(size));
-        assert_eq!((size.from(39), size.from(80)), (None, None));
+        assert_eq!(size.beginning_at(40), Some(size));
+        assert_eq!((size.beginning_at(39), size.beginning_at(80)), (None, None));
     }
 
     /// What is claimed rests on episodes that nothing was tuned on; a quick look must not use them up.

@@ -161,3 +161,55 @@ fn of_pools(rows: &[ScreenRow], printed: &Printed) -> Result<Option<(Table, Stri
     );
     Ok(Some((table, line)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::paper::rounds::Score;
+    use holdpoint_governance::ids::Digest;
+
+    fn row(arm: Arm, seed: u64, in_force: &str, done: u64) -> RoundRow {
+        RoundRow {
+            seed,
+            round: 1,
+            arm,
+            offered: None,
+            in_force: Digest::of_parts(in_force, &[]),
+            faulty_in_force: false,
+            harmful_in_force: Some(false),
+            score: Score { sequences: 50, done, ..Score::default() },
+        }
+    }
+
+    #[test]
+    fn rounds_under_moved_thresholds_are_held_against_those_as_they_are() {
+        let printed = Printed::builtin().unwrap();
+        let mut rows = vec![
+            row(Arm::Governed, 40, "a", 30),
+            row(Arm::Governed, 41, "a", 40),
+            row(Arm::Relaxed, 40, "b", 20),
+            row(Arm::Relaxed, 41, "a", 40),
+        ];
+        assert_eq!(
+            sensitivity(&rows, &[], &printed, 5).unwrap(),
+            Section::default(),
+            "one setting is missing"
+        );
+        rows.extend([row(Arm::Strict, 40, "a", 30), row(Arm::Strict, 41, "a", 40)]);
+        let section = sensitivity(&rows, &[], &printed, 5).unwrap();
+        let [table] = section.tables.as_slice() else { panic!("{section:?}") };
+        assert_eq!(table.seeds, Some((2, 5)));
+        let of = |name: &str| table.rows.iter().find(|row| row[0] == name).unwrap().clone();
+        assert_eq!(
+            [of("a tenth lower")[1].as_str(), &of("a tenth lower")[5]],
+            ["60.0 ± 28.3", "1 of 2 rounds"]
+        );
+        assert_eq!([of("as they are")[1].as_str(), &of("as they are")[5]], ["70.0 ± 14.1", "0 of 2 rounds"]);
+        assert_eq!(of("a tenth higher")[6..], ["69.7 ± 8.2", "0.0 ± 0.0", "9.2 ± 4.6"]);
+        assert!(
+            section.lines[0].contains("in 1 rounds with thresholds a tenth lower, in 0"),
+            "{:?}",
+            section.lines
+        );
+    }
+}
