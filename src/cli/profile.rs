@@ -13,7 +13,7 @@ use super::data::database;
 use super::decide::{parse_identity, parse_reason};
 use super::output::Table;
 use super::passphrase;
-use super::prune::{now_secs, take_store};
+use super::prune::{take_store, wall_ms};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
@@ -171,8 +171,7 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result
         signed.check_guarded(&persons).map_err(CliError::held)?;
     }
     let asks = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
-    let wall_ms = i64::try_from(now_secs().saturating_mul(1_000)).unwrap_or(i64::MAX);
-    allow_profile(&store, profile, (asks, signed), wall_ms).map_err(CliError::usage)?;
+    allow_profile(&store, profile, (asks, signed), wall_ms()).map_err(CliError::usage)?;
     out.answer(&json!({ "allowed": profile, "by": args.by }), |out| {
         out.line(&format!("{profile} is allowed by {} for the start that is next", args.by))
     })

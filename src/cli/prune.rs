@@ -132,7 +132,7 @@ pub(super) fn remove(
     let transaction = Transaction {
         command_id: format!("recordings-prune-{}", nonce.as_str()),
         at_ms: views.head().map_err(CliError::usage)?.at_ms,
-        wall_ms: i64::try_from(now_secs().saturating_mul(1_000)).unwrap_or(i64::MAX),
+        wall_ms: wall_ms(),
         changes: Vec::new(),
         audit: vec![record],
     };
@@ -143,6 +143,12 @@ pub(super) fn remove(
 /// Wall time, seconds since 1970.
 pub(super) fn now_secs() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+}
+
+/// The machine's time as a transaction keeps it, ms since 1970; 0 where the machine has none.
+pub(super) fn wall_ms() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0)
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use super::data::database;
 use super::decide::{parse_identity, parse_reason};
 use super::output::Table;
 use super::passphrase;
-use super::prune::{now_secs, take_store};
+use super::prune::{take_store, wall_ms};
 use super::verify::absolute;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
@@ -87,21 +87,20 @@ Example:
 /// # Errors
 /// [`CliError`].
 pub(super) fn run(context: &CliContext, args: &WitnessArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
-    let wall_ms = i64::try_from(now_secs().saturating_mul(1_000)).unwrap_or(i64::MAX);
     let database = database(&context.data)?;
     let (word, folder) = match &args.verb {
         WitnessVerb::Add { folder, signs } => {
             let folder = absolute(folder)?;
             let store = take_store(&context.data)?;
             let by = witnessed_by(context, &store, (&folder, true), signs)?;
-            add_witness(&store, &folder, by, wall_ms).map_err(CliError::usage)?;
+            add_witness(&store, &folder, by, wall_ms()).map_err(CliError::usage)?;
             ("added", folder)
         }
         WitnessVerb::Remove { folder, signs } => {
             let folder = absolute(folder)?;
             let store = take_store(&context.data)?;
             let by = witnessed_by(context, &store, (&folder, false), signs)?;
-            remove_witness(&store, &folder, by, wall_ms).map_err(CliError::usage)?;
+            remove_witness(&store, &folder, by, wall_ms()).map_err(CliError::usage)?;
             ("removed", folder)
         }
         WitnessVerb::List => {

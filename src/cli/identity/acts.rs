@@ -1,7 +1,6 @@
 //! An administrator's acts: signed here, and taken by the engine that runs on the store, else by the store itself.
 
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 
@@ -10,6 +9,7 @@ use crate::cli::context::CliContext;
 use crate::cli::decide::{parse_identity, parse_reason};
 use crate::cli::output::Output;
 use crate::cli::passphrase;
+use crate::cli::prune::wall_ms;
 use crate::cli::side::{door_error, refused, running};
 use crate::error::CliError;
 use holdpoint_approvals::agent::Agent;
@@ -378,9 +378,4 @@ fn note_public(folder: &Path, who: &IdentityInfo) {
     }
     drop(std::fs::remove_file(&path));
     drop(keyfile::write_public(&path, &who.public_key, who.role.name()));
-}
-
-fn wall_ms() -> i64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0)
 }
