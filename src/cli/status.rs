@@ -1,6 +1,7 @@
 //! `holdpoint status`: shows, watches, and waits for a state.
 
 pub(super) mod report;
+mod waiting;
 
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};

@@ -203,9 +203,23 @@ fn every_verb_that_reads_answers_as_it_did() {
 fn an_engine_carries_it_on_and_every_old_record_stays() {
     let folder = copied(OPEN_ROLES);
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenarios/reject-policy.toml");
-    let run = holdpoint(&folder, &["run", "--headless", "--script", script, "--seed", "1"]);
+    let run = || holdpoint(&folder, &["run", "--headless", "--script", script, "--seed", "1"]);
+    // It was last used where people decide: nobody goes on with it in simulation alone without an administrator's word.
+    let refused = run();
+    let said = text(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(3), "{said}");
+    assert!(said.contains("holdpoint profile allow sim --by ADMIN"), "{said}");
+    let allow = ["profile", "allow", "sim", "--by", "admin", "--reason", "a try"];
+    let unguarded = text(&holdpoint(&folder, &allow).stderr);
+    assert!(unguarded.contains("holdpoint identity passphrase admin"), "{unguarded}");
+    let words = folder.path().join("words");
+    fs::write(&words, "under the oak\n").unwrap();
+    fs::set_permissions(&words, fs::Permissions::from_mode(0o600)).unwrap();
+    printed(&folder, &["identity", "passphrase", "admin", "--new-passphrase-file", "words"]);
+    printed(&folder, &[&allow[..], &["--passphrase-file", "words"]].concat());
+    let run = run();
     assert_eq!(run.status.code(), Some(1), "{}{}", text(&run.stdout), text(&run.stderr));
-    assert!(printed(&folder, &["audit", "verify"]).starts_with("sound: 347 records"));
+    assert!(printed(&folder, &["audit", "verify"]).starts_with("sound: 348 records"));
     let records = printed(&folder, &["audit", "export"]);
     let old = fs::read_to_string(fixture(OPEN_ROLES).join("expected/audit-export.jsonl")).unwrap();
     assert!(records.starts_with(&old) && records.len() > old.len());

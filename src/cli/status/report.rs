@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::StatusSubject;
+use super::waiting::WaitingRow;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::door::DoorError;
@@ -19,9 +20,9 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
-use holdpoint_protocol::snapshot::{PromptView, Purpose, QuestionView, ReadingView, Snapshot, StoppedView};
+use holdpoint_protocol::snapshot::{QuestionView, ReadingView, Snapshot, StoppedView};
 use holdpoint_protocol::words::clock_time;
-use holdpoint_registry::{ApprovalRequest, AuditFilter, Layout, VersionFilter, Views, lock_owner};
+use holdpoint_registry::{AuditFilter, Layout, VersionFilter, Views, lock_owner};
 use holdpoint_text::Untrusted;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -108,21 +109,6 @@ pub(super) struct ProgressRow {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct WaitingRow {
-    pub(super) version: CapabilityId,
-    /// The first eight digits of the evidence's digest; an approval names them.
-    pub(super) evidence: String,
-    /// What is asked.
-    pub(super) purpose: Purpose,
-    pub(super) needed: u32,
-    pub(super) approved_by: Vec<String>,
-    pub(super) deadline_ms: u64,
-    /// Permissions that the active version does not have, or has at a lower level.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(super) new_permissions: Vec<Untrusted>,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct AlarmRow {
     pub(super) alarm: String,
     pub(super) priority: Priority,
@@ -182,9 +168,13 @@ impl StatusReport {
                 let newest: BTreeMap<_, _> = requests
                     .into_iter()
                     .filter(|request| asked(&request.version))
-                    .map(|request| (request.version.clone(), WaitingRow::stored(request)))
+                    .map(|request| (request.version.clone(), request))
                     .collect();
-                newest.into_values().collect::<Vec<_>>()
+                let rows = newest.into_values().map(|request| {
+                    let answers = views.approvals(&request.version).map_err(CliError::usage)?;
+                    Ok(WaitingRow::stored(request, &answers))
+                });
+                rows.collect::<Result<Vec<_>, CliError>>()?
             }
         };
         let context = views.context().map_err(CliError::usage)?;
@@ -423,56 +413,6 @@ impl QuestionRow {
         format!(
             "question {}: its monitor asks people ({}); unanswered by {by} s it is rolled back",
             self.version, self.reason
-        )
-    }
-}
-
-impl WaitingRow {
-    fn asked(prompt: &PromptView) -> Self {
-        Self {
-            version: prompt.version.clone(),
-            evidence: prompt.evidence.short(),
-            purpose: prompt.purpose,
-            needed: prompt.needed,
-            approved_by: prompt.approved_by.clone(),
-            deadline_ms: prompt.deadline_ms,
-            new_permissions: prompt.new_permissions.iter().map(|name| name.as_str().into()).collect(),
-        }
-    }
-
-    fn stored(request: ApprovalRequest) -> Self {
-        // What was assessed of it is in the request.
-        let asked: serde_json::Value = serde_json::from_str(&request.json).unwrap_or_default();
-        let new = asked.get("new_permissions").and_then(serde_json::Value::as_array);
-        let new = new.into_iter().flatten().filter_map(serde_json::Value::as_str);
-        Self {
-            new_permissions: new.map(Into::into).collect(),
-            version: request.version,
-            evidence: request.evidence_digest.short(),
-            purpose: Purpose::Activation,
-            needed: request.needed,
-            approved_by: Vec::new(),
-            deadline_ms: request.deadline_ms,
-        }
-    }
-
-    fn line(&self) -> String {
-        let have =
-            if self.approved_by.is_empty() { "nobody yet".to_owned() } else { self.approved_by.join(", ") };
-        let new: Vec<String> = self.new_permissions.iter().map(|name| name.line().into_string()).collect();
-        let new =
-            if new.is_empty() { String::new() } else { format!("; new permissions: {}", new.join(", ")) };
-        format!(
-            "waiting  {} for {} to approve the evidence {} by {} s{}; approved by {have}{new}",
-            self.version,
-            if self.needed == 1 { "one person".to_owned() } else { format!("{} people", self.needed) },
-            self.evidence,
-            self.deadline_ms / 1000,
-            match self.purpose {
-                Purpose::Activation | Purpose::Emergency => "",
-                Purpose::Release => " (its release)",
-                Purpose::Review => " (the review of its emergency activation)",
-            },
         )
     }
 }
