@@ -147,12 +147,17 @@ pub enum PersonError {
     /// Another act came between, or it was used before.
     #[error("the act about {0:?} does not follow from the last one about people in this store")]
     DoesNotFollow(String),
+    /// Something came between, it was used before, or it is of something else.
+    #[error("the word about {0:?} is none for this end of the record, or is about something else")]
+    WordDoesNotFollow(String),
     /// The signer is nobody, somebody else, or somebody who is revoked.
     #[error(
-        "{0:?} is not enrolled in this store with the key that signed, and enrols, confirms and revokes nobody"
+        "{0:?} is not enrolled in this store with the key that signed, and signs for no person, witness or profile"
     )]
     SignerUnknown(String),
-    #[error("{name:?} is enrolled as {role}, and only an administrator enrols, confirms and revokes people")]
+    #[error(
+        "{name:?} is enrolled as {role}, and only an administrator signs for people, witnesses and profiles"
+    )]
     NoAdministrator { name: String, role: Role },
     /// The first act of a store enrols the administrator who signs it.
     #[error("the first person of a store is an administrator who enrols their own key; {0:?} is not")]
@@ -162,7 +167,9 @@ pub enum PersonError {
     #[error("the key of {name:?} is that of {other:?} already ({state}); one key is one person")]
     KeyTaken { name: String, other: String, state: PersonState },
     /// Who could read the signer's key could have signed.
-    #[error("the key of {0:?} had no passphrase when it signed, and such a key confirms nobody")]
+    #[error(
+        "the key of {0:?} had no passphrase when it signed, and nothing counts here that such a key signed"
+    )]
     Unguarded(String),
     /// No act of a confirmed administrator stands behind the signer.
     #[error("{0:?} is enrolled by a key that others could have used, and not confirmed: they confirm nobody")]
@@ -180,7 +187,9 @@ pub enum PersonError {
 impl Hint for PersonError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::DoesNotFollow(_) => Some("sign it again over the store as it is now".into()),
+            Self::DoesNotFollow(_) | Self::WordDoesNotFollow(_) => {
+                Some("sign it again over the store as it is now".into())
+            }
             Self::SignerUnknown(_) | Self::NoAdministrator { .. } => {
                 Some("`holdpoint identity list` names the administrators; name one with --by".into())
             }

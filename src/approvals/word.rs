@@ -44,9 +44,14 @@ impl Word<'_> {
             });
         }
         if !self.follows {
-            return Err(PersonError::DoesNotFollow(self.about.to_owned()));
+            return Err(PersonError::WordDoesNotFollow(self.about.to_owned()));
         }
         persons.check_signer(self.by, self.public_key)
+    }
+
+    /// Whether the key lay under a passphrase or elsewhere, as far as that could be seen when it signed.
+    pub(super) fn is_guarded(&self) -> Result<(), PersonError> {
+        if self.guarded { Ok(()) } else { Err(PersonError::Unguarded(self.by.to_owned())) }
     }
 
     /// Whether the signature is one that only the administrator could have made, as far as is on record.
@@ -54,7 +59,7 @@ impl Word<'_> {
         if !persons.is_confirmed(self.by) {
             return Err(PersonError::SignerUnconfirmed(self.by.to_owned()));
         }
-        if self.guarded { Ok(()) } else { Err(PersonError::Unguarded(self.by.to_owned())) }
+        self.is_guarded()
     }
 
     fn bad_reason(&self) -> PersonError {

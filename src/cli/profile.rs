@@ -75,7 +75,7 @@ Example:
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct AllowArgs {
     /// The class of profile: sim or real.
-    #[arg(value_name = "PROFILE", value_parser = looser_profiles())]
+    #[arg(value_name = "PROFILE", value_parser = profiles())]
     profile: ProfileName,
     /// The administrator who signs.
     #[arg(long, value_name = "ADMIN", value_parser = parse_identity)]
@@ -139,9 +139,9 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Re
     Ok(Exit::Confirmed)
 }
 
-/// The profiles that are looser than another.
-fn looser_profiles() -> impl TypedValueParser<Value = ProfileName> {
-    PossibleValuesParser::new([ProfileName::Sim, ProfileName::Real].map(ProfileName::name))
+/// The profiles: which of them is looser depends on the last one.
+fn profiles() -> impl TypedValueParser<Value = ProfileName> {
+    PossibleValuesParser::new(ProfileName::ALL.map(ProfileName::name))
         .try_map(|text| text.parse::<ProfileName>())
 }
 
@@ -152,7 +152,6 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result
     let store = take_store(&context.data)?;
     let views = store.views().map_err(CliError::usage)?;
     let last = views.context().map_err(CliError::usage)?.map(|(last, _, _)| last);
-    let (persons, head) = (views.persons().map_err(CliError::usage)?, views.head().map_err(CliError::usage)?);
     drop(views);
     if !last.is_some_and(|last| loosening_is_signed(last, profile)) {
         let last = last.map_or_else(
@@ -162,6 +161,11 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result
         return Err(CliError::usage(format!("{last}, and {profile} is no looser profile"))
             .with_hint(format!("start with `--profile {profile}`: nobody has to sign for it")));
     }
+    // A store of an earlier version gets its first administrator, as at a start.
+    store.first_administrator(wall_ms()).map_err(CliError::usage)?;
+    let views = store.views().map_err(CliError::usage)?;
+    let (persons, head) = (views.persons().map_err(CliError::usage)?, views.head().map_err(CliError::usage)?);
+    drop(views);
     let signer = passphrase::unlock(passphrase::kept(context, &args.by)?, args.passphrase_file.as_deref())?;
     let end = (store.store_id(), head.hash);
     let signed =

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::chosen::{AskedProfile, AskedProfileParser, chosen};
+use super::data;
 use super::kept::CacheKeyArgs;
 use crate::error::CliError;
 use crate::scenes::{self, SceneOptions};
@@ -16,6 +17,7 @@ use holdpoint_console::options::CommandLineFlags;
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
+use holdpoint_registry::StoreError;
 
 /// The seed of a run that names none.
 pub(super) const SEED_DEFAULT: u64 = 1;
@@ -274,9 +276,18 @@ impl EngineArgs {
     /// The profile of a run without a scenario, on the store in this folder.
     ///
     /// # Errors
-    /// If there is none of that name, or what is in its files cannot be meant.
+    /// If there is none of that name, or what is in its files cannot be meant, or if it is looser than the last one and nobody
+    /// signed for it: before the terminal, a process or the store is touched.
     pub fn profile(&self, data: &Path) -> Result<ChosenProfile, CliError> {
-        chosen(data, self.profile.as_ref())
+        let chosen = chosen(data, self.profile.as_ref())?;
+        // What cannot be read the engine tells that starts on it.
+        if self.profile.is_some()
+            && let (Ok(views), Ok((profile, _))) = (data::open(data), chosen.rules())
+            && let Err(error @ StoreError::LooserProfile { .. }) = views.may_follow(profile.name)
+        {
+            return Err(CliError::held(error));
+        }
+        Ok(chosen)
     }
 }
 

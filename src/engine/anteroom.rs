@@ -18,6 +18,8 @@ use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::{FamilyView, LiveView, ReadingView, Snapshot, StoppedView};
 use holdpoint_registry::{Layout, Store, StoreError, UnreadStore, VersionFilter, Views};
 
+use holdpoint_text::Hint as _;
+
 use crate::bound;
 use crate::context::Context;
 use crate::door::{Door, LiveViews, Scenes, Seats, Signals};
@@ -162,8 +164,17 @@ impl<'a> Anteroom<'a> {
     /// [`StartError`]; the store is then as it was, but for the recovery that was written.
     pub fn enter(self) -> Result<(Engine, Door), StartError> {
         let Self { config, rules, controls, door, reading, store, .. } = self;
-        let store = store.or_else(|| reading.recv().ok()).unwrap_or(Err(StoreError::Unknown))?;
-        Ok((Engine::on(config, rules, store, controls)?, door))
+        let store = store.or_else(|| reading.recv().ok()).unwrap_or(Err(StoreError::Unknown));
+        let engine =
+            store.map_err(StartError::from).and_then(|store| Engine::on(config, rules, store, controls));
+        match engine {
+            Ok(engine) => Ok((engine, door)),
+            Err(error) => {
+                // The door closes with this, and nobody who sits at it is left to guess.
+                door.seats().note_failure(error.sentence());
+                Err(error)
+            }
+        }
     }
 }
 

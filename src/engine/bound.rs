@@ -165,7 +165,8 @@ pub(crate) fn set_context(
         subject: site.to_string(),
         body: json.clone(),
     });
-    let change = Change::SetContext { profile: name, policy_digest: context.digest, json };
+    let change =
+        Change::SetContext { profile: name, policy_digest: context.digest, json, looser_by_word: true };
     ledger.write(vec![change], loaded.into_iter().collect(), at_ms)?;
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
     for family in &families {

@@ -255,6 +255,7 @@ impl StateMachineTest for Kept {
             profile: ProfileName::Sim,
             policy_digest: Digest::of_parts("test", &[b"policy"]),
             json: "{}".to_owned(),
+            looser_by_word: true,
         };
         kept.ledger.write(vec![context], Vec::new(), 1).unwrap();
         let note = Note { cause: Some(ActiveCause::Bootstrap), ..Note::because("the first one") };

@@ -118,7 +118,8 @@ fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
     let (profile, policy_digest, json) = store.views().unwrap().context().unwrap().unwrap();
     let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
     context.as_object_mut().unwrap().remove("robot").unwrap();
-    let change = Change::SetContext { profile, policy_digest, json: context.to_string() };
+    let change =
+        Change::SetContext { profile, policy_digest, json: context.to_string(), looser_by_word: true };
     let transaction = holdpoint_registry::Transaction {
         command_id: "test".to_owned(),
         at_ms: store.opening().head.at_ms,
@@ -166,7 +167,8 @@ fn another_agent_holds() {
     let (profile, policy_digest, json) = store.views().unwrap().context().unwrap().unwrap();
     let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
     context["agent"] = serde_json::json!(Agent::called("another").identity_hash());
-    let change = Change::SetContext { profile, policy_digest, json: context.to_string() };
+    let change =
+        Change::SetContext { profile, policy_digest, json: context.to_string(), looser_by_word: true };
     let at_ms = store.opening().head.at_ms;
     store
         .commit(holdpoint_registry::Transaction {
@@ -327,7 +329,8 @@ fn a_context_that_cannot_be_read_is_an_error_and_nothing_is_bound_anew() {
     drop(engine(folder.path(), "arm7").unwrap());
     let store = Store::open(folder.path()).unwrap();
     let (profile, policy_digest, _) = store.views().unwrap().context().unwrap().unwrap();
-    let change = Change::SetContext { profile, policy_digest, json: "{\"robot\":7}".to_owned() };
+    let change =
+        Change::SetContext { profile, policy_digest, json: "{\"robot\":7}".to_owned(), looser_by_word: true };
     let at_ms = store.opening().head.at_ms;
     let transaction = holdpoint_registry::Transaction {
         command_id: "test".to_owned(),

@@ -166,7 +166,7 @@ impl PlainStream<'_> {
             // The demonstration is nobody, and signs nothing.
             Reply::Refused { code: Refusal::NotAllowed, text, .. } => {
                 return Err(CliError::usage(text).with_hint(
-                    "`holdpoint demo` runs under sim; in the console, `:demo` is signed by who sits there",
+                    "`holdpoint demo` without --data runs in a store of its own; in the console, `:demo` is signed by who sits there",
                 ));
             }
             Reply::Refused { text, hint, .. } => return Err(CliError::usage(Problem::from((text, hint)))),

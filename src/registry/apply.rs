@@ -397,7 +397,10 @@ impl Applier<'_> {
             Change::ConsumeApproval { nonce, evidence_digest } => {
                 self.consume_approval(nonce, *evidence_digest)
             }
-            Change::SetContext { profile, policy_digest, json } => {
+            Change::SetContext { profile, policy_digest, json, looser_by_word } => {
+                if !looser_by_word {
+                    return Err(StoreError::invalid("looser_by_word of a context", looser_by_word, "true"));
+                }
                 self.check_profile(*profile)?;
                 self.write_context(*profile, *policy_digest, json)
             }

@@ -247,6 +247,9 @@ pub enum Change {
         policy_digest: Digest,
         /// What it consists of, JSON text.
         json: String,
+        /// Whether a looser profile takes an administrator's word here. Earlier versions asked for none.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        looser_by_word: bool,
     },
     /// The store may be used under a looser profile next. Checked: that an administrator who is enrolled signed it over this
     /// end of the chain; it is used up by whatever is on record next.

@@ -77,7 +77,10 @@ pub enum StoreError {
         given: String,
     },
     /// A looser profile than the last one, and no administrator's word right before it.
-    #[error("the store was last used under the profile {last}, and {next} is a looser one")]
+    #[error(
+        "the store was last used under the profile {last}, and {next} is a looser one; its last record is no administrator's word \
+         that it may"
+    )]
     LooserProfile { last: ProfileName, next: ProfileName },
     /// Somebody else wrote to the database of a running engine. Nothing is written over it.
     #[error("the store was changed behind the engine: {0}")]
@@ -135,13 +138,19 @@ impl Hint for StoreError {
                  one robot says nothing of another"
                     .into(),
             ),
-            Self::LooserProfile { next, .. } => Some(
-                format!(
-                    "an administrator signs for it: `holdpoint profile allow {next} --by ADMIN --reason TEXT`, and the start right \
-                     after it may use {next}"
+            Self::LooserProfile { last, next } => {
+                let guarded = match last {
+                    ProfileName::Human => " with a key that has a passphrase (`holdpoint identity passphrase ADMIN` sets one)",
+                    ProfileName::Sim | ProfileName::Real => "",
+                };
+                Some(
+                    format!(
+                        "an administrator signs for it{guarded}: `holdpoint profile allow {next} --by ADMIN --reason TEXT`, and \
+                         the start right after it may use {next}"
+                    )
+                    .into(),
                 )
-                .into(),
-            ),
+            }
             Self::Io { .. }
             | Self::Sqlite { .. }
             | Self::RowTooLong { .. }

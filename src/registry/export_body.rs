@@ -1,4 +1,4 @@
-//! What the bodies of exported records say of persons, witnesses, looser profiles, approvals and rebuilds. Each has one text, as
+//! What the bodies of exported records say of persons, witnesses, profiles, approvals and rebuilds. Each has one text, as
 //! [`canonical_json`] writes it, and the fields of its form.
 
 use serde::de::DeserializeOwned;
@@ -27,6 +27,7 @@ pub(super) enum Said {
     },
     Witness(WitnessOnRecord),
     Profile(ProfileOnRecord),
+    Context(ContextOnRecord),
     /// Nonces of approvals that a rebuild gave up.
     Lost(Vec<String>),
     Nothing,
@@ -52,6 +53,20 @@ pub(super) struct ProfileOnRecord {
     pub(super) profile: ProfileName,
     by: String,
     pub(super) act: Box<SignedProfileAct>,
+}
+
+/// A profile that came into force.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ContextOnRecord {
+    change: String,
+    /// What it consists of, which earlier versions did not put into the record.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    json: Option<String>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(super) looser_by_word: bool,
+    policy_digest: Digest,
+    pub(super) profile: ProfileName,
 }
 
 /// A body of a record that the store writes itself.
@@ -90,6 +105,11 @@ pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<Said, String
             let change: ProfileOnRecord = change_of(text)?;
             named(&change.change, "allow-profile")?;
             Ok(Said::Profile(change))
+        }
+        Some(RecordKind::ContextSet) => {
+            let change: ContextOnRecord = change_of(text)?;
+            named(&change.change, "set-context")?;
+            Ok(Said::Context(change))
         }
         Some(RecordKind::StoreRebuilt) => {
             let Body { change, rows } = typed::<Body<RebuiltChange>>(value_of(text)?)?;

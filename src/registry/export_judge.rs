@@ -12,8 +12,10 @@ use super::copies::HEADS_MAX;
 use super::export_body::{self, ProfileOnRecord, Said};
 use super::export_line::{ExportHeader, ExportLine};
 use super::fold::START;
+use super::loosened::Course;
 use super::merkle::Frontier;
 use super::unsound::VerifyError;
+use super::words::guarded;
 use holdpoint_approvals::keyfile::hex;
 use holdpoint_approvals::{
     PersonActKind, PersonError, PersonState, Persons, SignedApproval, SignedPersonAct,
@@ -43,6 +45,7 @@ pub(super) struct Exported {
     lost: BTreeSet<String>,
     pub(super) approvals: Vec<SignedApproval>,
     pub(super) persons: Persons,
+    course: Course,
 }
 
 /// What a record tells of an approval.
@@ -73,6 +76,7 @@ impl Exported {
             put: BTreeMap::new(),
             lost: BTreeSet::new(),
             approvals: Vec::new(),
+            course: Course::default(),
         }
     }
 
@@ -139,7 +143,14 @@ impl Exported {
             }
             Said::Profile(ProfileOnRecord { profile, act, .. }) => {
                 let judged = act.judge(&self.persons, profile, record.prev);
-                judged.map_err(|error| bad_word(&act.act().by, &error))?;
+                judged
+                    .and_then(|()| guarded(&act, &self.persons, self.course.last()))
+                    .map_err(|error| bad_word(&act.act().by, &error))?;
+                self.course.allow(seq, profile);
+            }
+            Said::Context(set) => {
+                let set = self.course.set(seq, set.profile, set.looser_by_word);
+                set.map_err(|problem| bad(&problem))?;
             }
             Said::Lost(nonces) => self.lost.extend(nonces),
             Said::Nothing => {}

@@ -1,16 +1,20 @@
 //! A store that was used where robots or people are at risk is used under a looser profile by an administrator's signed word
 //! alone: else an option on a command line would do away with what the stricter one asks for.
 
-use rusqlite::OptionalExtension;
+use rusqlite::{Connection, OptionalExtension};
 use serde::Deserialize;
 
 use super::apply::Applier;
+use super::audit::{self, COLUMNS, Head};
 use super::change::{Change, Transaction, command_id};
 use super::error::StoreError;
 use super::store::Store;
+use super::views::Views;
+use super::words::guarded;
 use holdpoint_approvals::SignedProfileAct;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::words::Word;
 
 /// Whether going over from one profile to another takes an administrator's signed word.
 #[must_use]
@@ -41,15 +45,117 @@ pub fn allow_profile(
         .map(drop)
 }
 
-/// The part of a word's record that is looked at.
+/// The part of a record of a profile that is looked at, whether it is allowed or in force.
 #[derive(Deserialize)]
-struct AllowedOnRecord {
-    change: AllowedProfile,
+pub(crate) struct OnRecord {
+    change: ProfileOnRecord,
 }
 
 #[derive(Deserialize)]
-struct AllowedProfile {
+struct ProfileOnRecord {
     profile: ProfileName,
+    #[serde(default)]
+    looser_by_word: bool,
+}
+
+/// How the profiles of a store followed each other, as far as its records were read.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Course {
+    last: Option<ProfileName>,
+    /// The last word: its record, and what it allows.
+    word: Option<(u64, ProfileName)>,
+    /// Earlier versions asked for no word: what they wrote counts until the first record of one that does.
+    asked: bool,
+}
+
+impl Course {
+    /// The profile in force.
+    pub(crate) const fn last(&self) -> Option<ProfileName> {
+        self.last
+    }
+
+    /// A word.
+    pub(crate) const fn allow(&mut self, seq: u64, profile: ProfileName) {
+        (self.word, self.asked) = (Some((seq, profile)), true);
+    }
+
+    /// A record by which a profile comes into force.
+    ///
+    /// # Errors
+    /// As [`Course::set`].
+    pub(crate) fn take(&mut self, seq: u64, set: &OnRecord) -> Result<(), String> {
+        self.set(seq, set.change.profile, set.change.looser_by_word)
+    }
+
+    /// A profile comes into force.
+    ///
+    /// # Errors
+    /// If it is a looser one, and the record before it is no word that it may.
+    pub(crate) fn set(&mut self, seq: u64, next: ProfileName, looser_by_word: bool) -> Result<(), String> {
+        self.asked |= looser_by_word;
+        let last = self.last.replace(next).filter(|last| loosening_is_signed(*last, next));
+        match last {
+            Some(last) if self.asked && self.word != Some((seq.saturating_sub(1), next)) => Err(format!(
+                "it goes over from the profile {last} to {next}, and the record before it is no administrator's word that it may"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The first record that goes over to a looser profile without a word right before it, and what to say of it. What cannot be
+/// read is for the check of the chain to tell.
+///
+/// # Errors
+/// If the store cannot be read.
+pub(crate) fn first_unsaid(connection: &Connection) -> rusqlite::Result<Option<(u64, String)>> {
+    let kinds = [RecordKind::ContextSet.name(), RecordKind::ProfileAllowed.name()];
+    let mut select =
+        connection.prepare("SELECT seq, kind, body FROM audit WHERE kind IN (?1, ?2) ORDER BY seq")?;
+    let mut rows = select.query(kinds)?;
+    let mut course = Course::default();
+    while let Some(row) = rows.next()? {
+        let (seq, kind, body): (u64, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
+        let Ok(found) = serde_json::from_str::<OnRecord>(&body) else { continue };
+        if kind == RecordKind::ProfileAllowed.name() {
+            course.allow(seq, found.change.profile);
+        } else if let Err(problem) = course.take(seq, &found) {
+            return Ok(Some((seq, problem)));
+        }
+    }
+    Ok(None)
+}
+
+/// What is read where a looser profile is asked for.
+const READING: &str = "read the word on the profile";
+
+/// The profile that the record at the end of the chain lets a store be used under; absent if it is no word, or not that record.
+fn newest_word(connection: &Connection, end: Head) -> rusqlite::Result<Option<ProfileName>> {
+    let newest = connection
+        .query_row(&format!("SELECT {COLUMNS} FROM audit WHERE seq = ?1"), [end.seq], audit::read)
+        .optional()?;
+    let word = newest.filter(|record| {
+        record.expected_hash() == end.hash && record.kind == Word::Known(RecordKind::ProfileAllowed)
+    });
+    let found = word.and_then(|record| serde_json::from_str::<OnRecord>(&record.body).ok());
+    Ok(found.map(|found| found.change.profile))
+}
+
+impl Views {
+    /// Whether the store may be used under this profile next, as its rows have it. The engine that starts holds them against
+    /// the chain; this is for whoever wants to tell before.
+    ///
+    /// # Errors
+    /// [`StoreError::LooserProfile`], or if the store cannot be read.
+    pub fn may_follow(&self, next: ProfileName) -> Result<(), StoreError> {
+        let Some((last, ..)) = self.context()?.filter(|(last, ..)| loosening_is_signed(*last, next)) else {
+            return Ok(());
+        };
+        match newest_word(&self.connection, self.head()?).map_err(StoreError::sql(READING))? {
+            Some(allowed) if allowed == next => Ok(()),
+            Some(_) | None => Err(StoreError::LooserProfile { last, next }),
+        }
+    }
 }
 
 impl Applier<'_> {
@@ -66,10 +172,7 @@ impl Applier<'_> {
         }
         let persons = self.persons()?;
         let checked = act.check(&persons, profile, self.head.hash);
-        let checked = checked.and_then(|()| match last {
-            ProfileName::Human => act.check_guarded(&persons),
-            ProfileName::Sim | ProfileName::Real => Ok(()),
-        });
+        let checked = checked.and_then(|()| guarded(act, &persons, Some(last)));
         checked.map_err(|error| refused(error.to_string()))
     }
 
@@ -83,19 +186,39 @@ impl Applier<'_> {
         if !loosening_is_signed(last, next) {
             return Ok(());
         }
-        let body: Option<String> = self
-            .connection
-            .query_row(
-                "SELECT body FROM audit WHERE seq = ?1 AND kind = ?2",
-                (self.head.seq, RecordKind::ProfileAllowed.name()),
-                |row| row.get(0),
-            )
-            .optional()
-            .map_err(StoreError::sql("read the word on the profile"))?;
-        let allowed = body.and_then(|body| serde_json::from_str::<AllowedOnRecord>(&body).ok());
-        if allowed.is_some_and(|allowed| allowed.change.profile == next) {
-            return Ok(());
+        // The rows were held against the chain, and its newest record is held against what it was when it was read or written:
+        // whoever edits it makes no word of it.
+        match newest_word(self.connection, self.head).map_err(StoreError::sql(READING))? {
+            Some(allowed) if allowed == next => Ok(()),
+            Some(_) | None => Err(StoreError::LooserProfile { last, next }),
         }
-        Err(StoreError::LooserProfile { last, next })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_earlier_version_wrote_counts_until_one_asked_for_words() {
+        use ProfileName::{Human, Real, Sim};
+        let mut course = Course::default();
+        for (seq, profile) in [(1, Human), (2, Sim), (3, Real)] {
+            course.set(seq, profile, false).unwrap();
+        }
+        // From here on a word is asked for, also by what says that none is.
+        course.set(4, Human, true).unwrap();
+        assert!(course.set(5, Real, false).unwrap_err().contains("from the profile human to real"));
+        course.set(6, Human, true).unwrap();
+        // Right before it, and for it.
+        course.allow(7, Sim);
+        assert!(course.set(9, Sim, true).is_err());
+        course.set(10, Human, true).unwrap();
+        course.allow(11, Real);
+        assert!(course.set(12, Sim, true).is_err());
+        course.set(13, Human, true).unwrap();
+        course.allow(14, Sim);
+        course.set(15, Sim, true).unwrap();
+        assert_eq!(course.last(), Some(Sim));
     }
 }

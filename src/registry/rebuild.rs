@@ -28,12 +28,13 @@ use super::compare::{compare, differing};
 use super::error::StoreError;
 use super::fold::Fold;
 use super::layout::{EngineLock, Layout, sync_folder};
+use super::loosened::first_unsaid;
 use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
 use super::merkle::Frontier;
 use super::migrate::STORE;
 use super::open::{
-    HINT_REBUILD, HINT_UNSIGNED, damaged, make, not_the_chain, open_reader, remove_database, truncate_log,
-    unsigned_records_refused,
+    HINT_REBUILD, HINT_UNSAID, HINT_UNSIGNED, damaged, make, not_the_chain, open_reader, remove_database,
+    truncate_log, unsigned_records_refused,
 };
 use super::replay::{NotApplied, replay};
 use super::row_limit;
@@ -112,6 +113,13 @@ pub fn rebuild(
         Err(StoreError::Refused { problem, .. }) => problem,
         Err(error) => return Err(error),
     };
+    // Nobody is got to take a looser profile beside what an administrator has to sign.
+    let reading = StoreError::sql("read the words on profiles");
+    let unsaid = first_unsaid(&damaged_store).map_err(reading)?;
+    if let Some((seq, problem)) = unsaid.filter(|(seq, _)| seq + unsigned > fold.end().seq) {
+        let problem = format!("nobody signed the record {seq}, and {problem}");
+        return Err(StoreError::Refused { path: database, problem, hint: HINT_UNSAID });
+    }
     if unsigned > 0 && unsigned_records == UnsignedRecords::Refuse {
         return Err(would_take(&database, &damaged_store, fold.end(), unsigned));
     }

@@ -89,7 +89,7 @@ impl Applier<'_> {
             // They write no row.
             Change::SetWitness { .. } | Change::AllowProfile { .. } => return Ok(()),
             // Earlier versions asked for no word on a looser profile.
-            Change::SetContext { profile, policy_digest, json } => {
+            Change::SetContext { profile, policy_digest, json, .. } => {
                 self.write_context(*profile, *policy_digest, json)
             }
             Change::ConsumeApproval { nonce, .. } => return self.write_consumed(nonce),

@@ -228,9 +228,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     let persons = people::read(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
-    check_words(&connection, &persons)
-        .map_err(unreadable)?
-        .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
+    check_words(&connection, &persons).map_err(unreadable)??;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
     }

@@ -1,33 +1,50 @@
-//! Administrators' signed words on record, looked at again: on witnesses, and on looser profiles.
+//! Administrators' signed words on record, looked at again: on witnesses, and on looser profiles, which have one each.
 
 use rusqlite::Connection;
 use serde::Deserialize;
 
 use super::change::Change;
-use holdpoint_approvals::{Person, Persons};
+use super::loosened::{Course, OnRecord};
+use super::unsound::VerifyError;
+use holdpoint_approvals::{Person, PersonError, Persons, SignedProfileAct};
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 
-/// The part of a record that is looked at.
+/// The part of a word's record that is looked at.
 #[derive(Deserialize)]
 struct WordOnRecord {
     change: Change,
 }
 
-/// Looks at every signed word again: whose it is, and that they were an administrator then. Tells whose is bad, and why.
+/// Looks at every signed word again: whose it is, that they were an administrator then, and that their key was guarded where
+/// people decided; and that every looser profile has one. Tells what is bad.
 ///
 /// # Errors
 /// If the store cannot be read.
 pub(crate) fn check_words(
     connection: &Connection,
     persons: &Persons,
-) -> rusqlite::Result<Result<(), (String, String)>> {
-    let mut select =
-        connection.prepare("SELECT seq, prev, body FROM audit WHERE kind IN (?1, ?2) ORDER BY seq")?;
-    let mut rows = select.query([RecordKind::WitnessSet.name(), RecordKind::ProfileAllowed.name()])?;
+) -> rusqlite::Result<Result<(), VerifyError>> {
+    let kinds = [RecordKind::WitnessSet, RecordKind::ProfileAllowed, RecordKind::ContextSet];
+    let mut select = connection
+        .prepare("SELECT seq, prev, body, kind FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
+    let mut rows = select.query(kinds.map(RecordKind::name))?;
+    let mut course = Course::default();
     while let Some(row) = rows.next()? {
         let (seq, prev, body): (u64, [u8; 32], String) = (row.get(0)?, row.get(1)?, row.get(2)?);
-        let Ok(WordOnRecord { change }) = serde_json::from_str(&body) else { continue };
+        let bad = |problem: String| Ok(Err(VerifyError::Record { seq, problem }));
+        if row.get::<_, String>(3)? == RecordKind::ContextSet.name() {
+            let set = serde_json::from_str::<OnRecord>(&body).map_err(|error| error.to_string());
+            match set.and_then(|set| course.take(seq, &set)) {
+                Ok(()) => continue,
+                Err(problem) => return bad(problem),
+            }
+        }
+        let change = match serde_json::from_str(&body) {
+            Ok(WordOnRecord { change }) => change,
+            Err(error) => return bad(error.to_string()),
+        };
         let by = match &change {
             Change::SetWitness { act: Some(act), .. } => &act.act().by,
             Change::AllowProfile { act, .. } => &act.act().by,
@@ -45,12 +62,29 @@ pub(crate) fn check_words(
             Change::SetWitness { act: Some(act), folder, present, .. } => {
                 act.judge(&then, (folder, *present), after)
             }
-            Change::AllowProfile { act, profile, .. } => act.judge(&then, *profile, after),
+            Change::AllowProfile { act, profile, .. } => {
+                let last = course.last();
+                course.allow(seq, *profile);
+                act.judge(&then, *profile, after).and_then(|()| guarded(act, &then, last))
+            }
             _ => continue,
         };
         if let Err(error) = checked {
-            return Ok(Err((by.clone(), format!("in record {seq}: {error}"))));
+            let problem = format!("in record {seq}: {error}");
+            return Ok(Err(VerifyError::Person { name: by.clone(), problem }));
         }
     }
     Ok(Ok(()))
+}
+
+/// Where people decided the word is one that only the administrator could have given.
+pub(crate) fn guarded(
+    act: &SignedProfileAct,
+    persons: &Persons,
+    last: Option<ProfileName>,
+) -> Result<(), PersonError> {
+    match last {
+        Some(ProfileName::Human) => act.check_guarded(persons),
+        Some(ProfileName::Sim | ProfileName::Real) | None => Ok(()),
+    }
 }

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use holdpoint::engine::anteroom::ReadWatch;
-use holdpoint::engine::door::{Client, socket_path};
+use holdpoint::engine::door::{Client, DoorError, socket_path};
 use holdpoint::engine::host::{Host, HostConfig, Update};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
@@ -173,10 +173,18 @@ fn a_row_that_is_not_the_records_ends_the_engine_before_it_was_one() {
     at.recv_timeout(PATIENCE).unwrap();
     let mut client = Client::connect(&layout).unwrap().unwrap();
     assert!(look(&mut client).reading.is_some());
+    let mut seat = Client::connect(&layout).unwrap().unwrap().attach(Sitting::default()).unwrap();
     go.send(()).unwrap();
     let Update::Ended(Err(why)) = next(&mut host) else { panic!("it came up") };
     assert!(why.text.contains("the version \"grasp@") && why.text.contains("author"), "{why}");
     assert_eq!(host.snapshots.borrow().as_ref(), None, "what was shown is withdrawn");
+    // Whoever sits at it learns why, and not alone that it is gone.
+    let last = loop {
+        if let Err(error) = seat.next(PATIENCE) {
+            break error;
+        }
+    };
+    assert!(matches!(&last, DoorError::Closed { text, .. } if *text == why.text), "{last}");
     assert!(!socket_path(&layout).exists() && Client::connect(&layout).unwrap().is_none());
     drop(host);
     assert_eq!(Views::open(&layout.database()).unwrap().head().unwrap().seq, records);

@@ -36,7 +36,7 @@ ACTS = {
     "person-confirmed": ("confirm-person", "confirm"),
     "person-revoked": ("revoke-person", "revoke"),
 }
-TAKEN = ("approval-put", "witness-set", "profile-allowed", "store-rebuilt", *ACTS)
+TAKEN = ("approval-put", "witness-set", "profile-allowed", "context-set", "store-rebuilt", *ACTS)
 ZEROS = bytes(32)
 
 
@@ -179,6 +179,8 @@ class Persons:
     def __init__(self, store_id):
         self.store_id, self.follows = text(store_id), digest("holdpoint/persons/v1", text(store_id))
         self.keys, self.roles, self.revoked, self.confirmed = {}, {}, set(), set()
+        # The profile in force; the last word on one, its record and what it allows; whether words were asked for yet.
+        self.profile, self.allowed, self.asked = None, None, False
 
     def take(self, record, change):
         """Takes an act: signed by an administrator who is enrolled, following from the act before."""
@@ -269,6 +271,23 @@ class Persons:
         act = fields(said["act"], "after", "by", "guarded", "profile", "reason", "store_id")
         told = word(act["profile"], PROFILES) == change["profile"]
         self.take_word(record, said, "holdpoint/profile-act/v1", [text(act["profile"])], told)
+        if self.profile == "human" and not (act["guarded"] and act["by"] in self.confirmed):
+            raise Bad("person", act["by"], "where people decided the key that signed has to be guarded")
+        self.allowed, self.asked = (record["seq"], change["profile"]), True
+
+    def take_context(self, record, change):
+        """Takes a profile that comes into force; a looser one has an administrator's word right before it."""
+        fields(change, "change", "json?", "looser_by_word?", "policy_digest", "profile")
+        word(change["change"], ["set-context"])
+        if "json" in change:
+            text(change["json"])
+        digits(change["policy_digest"], 32), word(change["profile"], PROFILES)
+        last, self.profile = self.profile, change["profile"]
+        # What earlier versions wrote counts until the first record of one that asks for words.
+        self.asked |= truth(set_field(change, "looser_by_word", False))
+        is_looser = last is not None and PROFILES.index(self.profile) < PROFILES.index(last)
+        if self.asked and is_looser and self.allowed != (record["seq"] - 1, self.profile):
+            raise Bad("record", record["seq"], f"nobody signed that {self.profile} may come after {last}")
 
     def take_word(self, record, said, domain, about, told):
         """Looks at an administrator's word: what it is about, whether that is what the record says, whose it is."""
@@ -404,6 +423,8 @@ class Export:
             self.persons.take_witness(record, change)
         elif record["kind"] == "profile-allowed":
             self.persons.take_profile(record, change)
+        elif record["kind"] == "context-set":
+            self.persons.take_context(record, change)
         elif record["kind"] == "store-rebuilt":
             lost_by(change)
             self.lost.update(key for table, key, _ in body["rows"] if table == "approval")

@@ -20,7 +20,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
-use holdpoint_protocol::snapshot::{QuestionView, ReadingView, Snapshot, StoppedView};
+use holdpoint_protocol::snapshot::{Purpose, QuestionView, ReadingView, Snapshot, StoppedView};
 use holdpoint_protocol::words::clock_time;
 use holdpoint_registry::{AuditFilter, Layout, VersionFilter, Views, lock_owner};
 use holdpoint_text::Untrusted;
@@ -170,9 +170,14 @@ impl StatusReport {
                     .filter(|request| asked(&request.version))
                     .map(|request| (request.version.clone(), request))
                     .collect();
+                let persons = views.persons().map_err(CliError::usage)?;
                 let rows = newest.into_values().map(|request| {
                     let answers = views.approvals(&request.version).map_err(CliError::usage)?;
-                    Ok(WaitingRow::stored(request, &answers))
+                    let is_active = versions
+                        .iter()
+                        .any(|version| version.version == request.version && version.state == State::Active);
+                    let purpose = if is_active { Purpose::Release } else { Purpose::Activation };
+                    Ok(WaitingRow::stored(request, purpose, &answers, &persons))
                 });
                 rows.collect::<Result<Vec<_>, CliError>>()?
             }

@@ -1,5 +1,6 @@
 //! A question to people in `holdpoint status`: whom it waits for, and what it came to.
 
+use holdpoint_approvals::{PersonState, Persons};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
@@ -18,6 +19,8 @@ pub(super) struct WaitingRow {
     pub(super) approved_by: Vec<String>,
     /// Whether enough people approved, and it takes over when the sequence that runs is over.
     pub(super) granted: bool,
+    /// Whether an engine asks; without one it is asked again by the next.
+    pub(super) asked: bool,
     pub(super) deadline_ms: u64,
     /// Permissions that the active version does not have, or has at a lower level.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -33,13 +36,22 @@ impl WaitingRow {
             needed: prompt.needed,
             approved_by: prompt.approved_by.clone(),
             granted: prompt.granted,
+            asked: true,
             deadline_ms: prompt.deadline_ms,
             new_permissions: prompt.new_permissions.iter().map(|name| name.as_str().into()).collect(),
         }
     }
 
-    /// What the store holds of it. Whether an answer counts is for the engine to say that comes up next.
-    pub(super) fn stored(request: ApprovalRequest, answers: &[ApprovalEntry]) -> Self {
+    /// What the store holds of it, while no engine asks. Whether an answer counts is for the engine to say that comes up
+    /// next.
+    pub(super) fn stored(
+        request: ApprovalRequest,
+        purpose: Purpose,
+        answers: &[ApprovalEntry],
+        persons: &Persons,
+    ) -> Self {
+        let is_enrolled =
+            |who: &str| persons.named(who).is_some_and(|person| person.state == PersonState::Enrolled);
         let mut approved_by: Vec<String> = Vec::new();
         for answer in answers.iter().filter(|answer| answer.consumed_seq.is_none()) {
             let said = answer.signed.approval();
@@ -47,7 +59,8 @@ impl WaitingRow {
                 && said.evidence_digest == request.evidence_digest
                 && said.policy_digest == request.policy_digest
                 && said.profile == request.profile
-                && !said.break_glass;
+                && !said.break_glass
+                && is_enrolled(&said.who);
             if same {
                 // The last answer of a person is the one that stands.
                 approved_by.retain(|who| *who != said.who);
@@ -62,10 +75,11 @@ impl WaitingRow {
             new_permissions: new.map(Into::into).collect(),
             version: request.version,
             evidence: request.evidence_digest.short(),
-            purpose: Purpose::Activation,
+            purpose,
             needed: request.needed,
             approved_by,
             granted: false,
+            asked: false,
             deadline_ms: request.deadline_ms,
         }
     }
@@ -88,12 +102,20 @@ impl WaitingRow {
                  sequence that runs is over{new}"
             );
         }
-        let people =
-            if self.needed == 1 { "one person".to_owned() } else { format!("{} people", self.needed) };
+        let (people, until) = (self.people(), self.deadline_ms / 1000);
+        if !self.asked {
+            return format!(
+                "waiting  {version} for an engine, which asks {people} to approve the evidence {evidence}{purpose} until its clock is \
+                 at {until} s; on record as approved by {have}{new}"
+            );
+        }
         format!(
-            "waiting  {version} for {people} to approve the evidence {evidence} by {} s{purpose}; approved by {have}{new}",
-            self.deadline_ms / 1000,
+            "waiting  {version} for {people} to approve the evidence {evidence} by {until} s{purpose}; approved by {have}{new}"
         )
+    }
+
+    fn people(&self) -> String {
+        if self.needed == 1 { "one person".to_owned() } else { format!("{} people", self.needed) }
     }
 }
 
@@ -120,6 +142,16 @@ mod tests {
             state: RequestState::Open,
             json: r#"{"new_permissions":["zone tray"]}"#.to_owned(),
         }
+    }
+
+    /// Those who are enrolled, the first of them an administrator.
+    fn enrolled(all: &[&Identity]) -> Persons {
+        let mut persons = Persons::none("store");
+        for who in all {
+            let act = persons.enrolment(who.info(), true, all[0], "a test").unwrap();
+            persons.push(&act).unwrap();
+        }
+        persons
     }
 
     fn answer(
@@ -150,8 +182,10 @@ mod tests {
     #[test]
     fn without_an_engine_the_record_tells_who_approved() {
         let folder = tempfile::tempdir().unwrap();
-        let person = |name: &str| Identity::create(folder.path(), name, Role::Operator).unwrap();
-        let (ana, ben, eve, ida) = (person("ana"), person("ben"), person("eve"), person("ida"));
+        let person = |name: &str, role| Identity::create(folder.path(), name, role).unwrap();
+        let ana = person("ana", Role::Admin);
+        let [ben, eve, ida, tom] = ["ben", "eve", "ida", "tom"].map(|name| person(name, Role::Operator));
+        let persons = enrolled(&[&ana, &ben, &eve, &ida]);
         let (asked, earlier) = (request("now"), request("then"));
         let answers = [
             answer(&ana, Answer::Approve, &asked, None),
@@ -161,18 +195,30 @@ mod tests {
             // Over other evidence, and used already.
             answer(&eve, Answer::Approve, &earlier, None),
             answer(&ida, Answer::Approve, &asked, Some(40)),
+            // Nobody here.
+            answer(&tom, Answer::Approve, &asked, None),
         ];
-        let row = WaitingRow::stored(asked.clone(), &answers);
+        let stored = |answers: &[ApprovalEntry]| {
+            WaitingRow::stored(asked.clone(), Purpose::Activation, answers, &persons)
+        };
+        let row = stored(&answers);
         assert_eq!(row.approved_by, ["ana"]);
         let evidence = asked.evidence_digest.short();
         assert_eq!(
             row.line(),
             format!(
-                "waiting  grasp@1.1.0 for 2 people to approve the evidence {evidence} by 90 s; approved by ana; \
-                 new permissions: zone tray"
+                "waiting  grasp@1.1.0 for an engine, which asks 2 people to approve the evidence {evidence} until its clock is \
+                 at 90 s; on record as approved by ana; new permissions: zone tray"
             )
         );
-        assert!(WaitingRow::stored(asked, &[]).line().contains("approved by nobody yet"));
+        assert!(stored(&[]).line().contains("on record as approved by nobody yet"));
+        let row = WaitingRow { asked: true, new_permissions: Vec::new(), ..row };
+        assert_eq!(
+            row.line(),
+            format!(
+                "waiting  grasp@1.1.0 for 2 people to approve the evidence {evidence} by 90 s; approved by ana"
+            )
+        );
     }
 
     #[test]
@@ -180,12 +226,8 @@ mod tests {
         let asked = request("now");
         let evidence = asked.evidence_digest.short();
         let approved_by = vec!["ana".to_owned(), "ben".to_owned()];
-        let row = WaitingRow {
-            approved_by,
-            granted: true,
-            new_permissions: Vec::new(),
-            ..WaitingRow::stored(asked, &[])
-        };
+        let stored = WaitingRow::stored(asked, Purpose::Activation, &[], &Persons::none("store"));
+        let row = WaitingRow { approved_by, granted: true, new_permissions: Vec::new(), ..stored };
         assert_eq!(
             row.line(),
             format!(

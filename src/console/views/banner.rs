@@ -83,10 +83,14 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
             say(ThemeRole::Stale, &format!("ENGINE ENDED{}: {why}", seeking(model)));
         }
         EngineState::Ended(Err(why)) => {
-            // Of one in another process there is no more to say: when it was heard last says how old all of this is.
-            let last = model.told.snapshot.as_ref().filter(|_| model.told.link == EngineLink::Attached);
+            // Of one in another process that did not say why there is no more to say: when it was heard last says how old all of
+            // this is.
+            let unsaid = model.told.link == EngineLink::Attached && !why.told;
+            let last = model.told.snapshot.as_ref().filter(|_| unsaid);
             let rest = match last {
                 Some(last) => format!(", last heard {}", seconds(last.at_ms)),
+                // How old all of this is stands behind it.
+                None if why.told => format!(": {}", super::short(&why.to_string(), width / 3)),
                 None => format!(": {why}"),
             };
             say(ThemeRole::Problem, &format!("ENGINE GONE{}{rest}", seeking(model)));

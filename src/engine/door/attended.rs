@@ -185,6 +185,9 @@ impl DoorServer {
                 Next::Gone => return Ok(()),
                 Next::Ending => {
                     self.rest(events, &mut writer).await?;
+                    if let Some(text) = self.seats.failure() {
+                        return write(&mut writer, &Answer::Closed { text }).await;
+                    }
                     return match self.seats.ending() {
                         Some(by) => write(&mut writer, &Answer::Ended { by }).await,
                         None => Ok(()),

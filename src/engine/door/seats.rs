@@ -18,6 +18,8 @@ struct Book {
     changed: bool,
     /// Who ends the engine, in words, once somebody does.
     ending: Option<String>,
+    /// Why the engine did not come up, once that is known.
+    failure: Option<String>,
     /// For how long the engine works with nobody; absent if it does so for ever.
     alone_max: Option<Duration>,
     /// Since when nobody sits; absent while somebody does.
@@ -68,6 +70,17 @@ impl Seats {
     #[must_use]
     pub fn ending(&self) -> Option<String> {
         self.book().ending.clone()
+    }
+
+    /// The engine does not come up, which whoever sits here is told.
+    pub fn note_failure(&self, why: String) {
+        self.book().failure.get_or_insert(why);
+    }
+
+    /// Why the engine did not come up; absent as long as it may.
+    #[must_use]
+    pub fn failure(&self) -> Option<String> {
+        self.book().failure.clone()
     }
 
     /// From now on the engine ends once nobody has sat at it for so long.

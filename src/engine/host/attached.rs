@@ -127,7 +127,11 @@ fn read(mut attachment: Attachment, (told, snapshots, pictures): &Shows) {
             Ok(Some(shown)) => shown,
             Err(error) => {
                 snapshots.send_replace(None);
-                drop(told.blocking_send(Update::Ended(Err(EndFault::of(error.sentence())))));
+                let fault = match error {
+                    DoorError::Closed { text, .. } => EndFault::told(text),
+                    error => EndFault::of(error.sentence()),
+                };
+                drop(told.blocking_send(Update::Ended(Err(fault))));
                 return;
             }
         };

@@ -22,13 +22,21 @@ pub struct EndFault {
     pub in_use: bool,
     /// Whether it ended in good order, by somebody else's hand.
     pub orderly: bool,
+    /// Whether the engine itself said why, and not that it was heard no more.
+    pub told: bool,
 }
 
 impl EndFault {
     /// One that says nothing of another engine.
     #[must_use]
     pub fn of(text: impl Into<String>) -> Self {
-        Self { text: text.into(), in_use: false, orderly: false }
+        Self { text: text.into(), in_use: false, orderly: false, told: false }
+    }
+
+    /// In the engine's own words.
+    #[must_use]
+    pub fn told(text: impl Into<String>) -> Self {
+        Self { told: true, ..Self::of(text) }
     }
 
     /// Not a fault: an engine that somebody else ended in good order.

@@ -142,6 +142,10 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
             EndFault::orderly("it ended in good order: bert ended it"),
             "ENGINE ENDED (looks again 3/64): it ended in good order: bert",
         ),
+        (
+            EndFault::told("audit record 5 is bad: its content does not match its hash"),
+            "ENGINE GONE (looks again 3/64): audit record 5 is bad: its content",
+        ),
     ] {
         let mut console = attached();
         console.keys("7");

@@ -102,9 +102,11 @@ fn what_happens_later_voids_it() {
     type Event = fn() -> Vec<Change>;
     let events: [(&str, Event); 4] = [
         ("profile", || {
-            let (profile, json) = (ProfileName::Sim, "{}".into());
-            let other = Change::SetContext { profile, policy_digest: digest("other policies"), json };
-            vec![other, context(profile)]
+            let mut other = context(ProfileName::Sim);
+            if let Change::SetContext { policy_digest, .. } = &mut other {
+                *policy_digest = digest("other policies");
+            }
+            vec![other, context(ProfileName::Sim)]
         }),
         ("family", || vec![Change::VoidFamily { family: family("grasp"), reason: "other active".into() }]),
         ("state", || vec![set_state(NEW, 4, State::Shadowed, State::Demoted)]),

@@ -5,6 +5,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{Head, Store, StoreError, UnsignedRecords, allow_profile, rebuild, verify};
 use holdpoint_text::Hint as _;
 
+use crate::damage::rewrite;
 use crate::edits::{made, quick_folder};
 use crate::support::*;
 
@@ -53,7 +54,7 @@ fn a_looser_profile_takes_an_administrators_word_right_before_it() {
     refused(&store, || allow(&store, &ada, Sim), "only an administrator");
     let early = SignedProfileAct::by(&admin, Sim, (store.store_id(), head(&store).hash), "a test").unwrap();
     set(&store, "real again", Real).unwrap();
-    refused(&store, || allow_profile(&store, Sim, (BY.to_owned(), early), 7), "does not follow");
+    refused(&store, || allow_profile(&store, Sim, (BY.to_owned(), early), 7), "none for this end");
     // A word that something came after is used up.
     allow(&store, &admin, Sim).unwrap();
     set(&store, "real a third time", Real).unwrap();
@@ -81,4 +82,68 @@ fn a_looser_profile_takes_an_administrators_word_right_before_it() {
     verify(&database, Some(&key)).unwrap();
     let store = open(folder.path());
     assert_eq!(store.views().unwrap().context().unwrap().unwrap().0, Real);
+}
+
+/// Whoever edits the newest record under a running engine, or of a store that nobody has, makes no word of it.
+#[test]
+fn an_edited_record_is_no_word() {
+    use ProfileName::{Human, Sim};
+    let folder = quick_folder();
+    made(folder.path());
+    let store = open(folder.path());
+    set(&store, "human", Human).unwrap();
+    let connection = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
+    let guard: String = connection
+        .query_row("SELECT sql FROM sqlite_schema WHERE name = 'audit_no_update'", [], |row| row.get(0))
+        .unwrap();
+    let (kind, body): (String, String) = connection
+        .query_row("SELECT kind, body FROM audit ORDER BY seq DESC LIMIT 1", [], |row| {
+            Ok((row.get(0)?, row.get(1)?))
+        })
+        .unwrap();
+    let newest = |kind: &str, body: &str| {
+        connection.execute_batch("BEGIN; DROP TRIGGER audit_no_update").unwrap();
+        let edit = "UPDATE audit SET kind = ?1, body = ?2 WHERE seq = (SELECT max(seq) FROM audit)";
+        connection.execute(edit, [kind, body]).unwrap();
+        connection.execute_batch(&format!("{guard}; COMMIT")).unwrap();
+    };
+    newest(
+        "profile-allowed",
+        r#"{"change":{"act":{},"by":"{}","change":"allow-profile","profile":"sim"},"rows":[]}"#,
+    );
+    let error = set(&store, "sim", Sim).unwrap_err();
+    assert!(matches!(error, StoreError::LooserProfile { last: Human, next: Sim }), "{error}");
+    let error = store.views().unwrap().may_follow(Sim).unwrap_err();
+    assert!(matches!(error, StoreError::LooserProfile { last: Human, next: Sim }), "{error}");
+    newest(&kind, &body);
+    assert!(set(&store, "sim", Sim).is_err());
+    let key = *store.public_key();
+    drop((store, connection));
+    verify(&folder.path().join("holdpoint.db"), Some(&key)).unwrap();
+}
+
+/// A record that nobody signed goes over to a looser profile: nobody can be got to take it by a rebuild.
+#[test]
+fn no_rebuild_takes_a_looser_profile_that_nobody_signed() {
+    let folder = quick_folder();
+    made(folder.path());
+    let store = open(folder.path());
+    set(&store, "human", ProfileName::Human).unwrap();
+    drop(store);
+    rewrite(
+        folder.path(),
+        "INSERT INTO audit (seq, prev, hash, at_ms, kind, subject, body, wall_ms)
+           SELECT seq + 1, hash, zeroblob(32), at_ms, 'context-set', '',
+             replace((SELECT body FROM audit WHERE kind = 'context-set' ORDER BY seq LIMIT 1),
+               '\"looser_by_word\":true,', ''), wall_ms
+           FROM audit ORDER BY seq DESC LIMIT 1",
+    );
+    let database = folder.path().join("holdpoint.db");
+    for unsigned in [UnsignedRecords::Refuse, UnsignedRecords::Take] {
+        let error = unless_in_use(|| rebuild(folder.path(), unsigned, BY, 7)).unwrap_err();
+        let said = error.to_string();
+        assert!(said.contains("goes over from the profile human to sim"), "{unsigned:?}: {said}");
+        assert!(error.hint().unwrap().contains("from a backup"), "{error:?}");
+    }
+    assert!(verify(&database, None).is_err());
 }

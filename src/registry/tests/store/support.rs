@@ -74,7 +74,12 @@ pub fn evidence(name: &str, kind: EvidenceKind, text: &str) -> Change {
 
 /// The profile and policy.
 pub fn context(profile: ProfileName) -> Change {
-    Change::SetContext { profile, policy_digest: digest(profile.name()), json: "{}".into() }
+    Change::SetContext {
+        profile,
+        policy_digest: digest(profile.name()),
+        json: "{}".into(),
+        looser_by_word: true,
+    }
 }
 
 /// A transaction with a command id of its own.

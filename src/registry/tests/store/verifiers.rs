@@ -122,6 +122,7 @@ pub fn vouched(folder: &Path, witness: &Path) {
     let end = (store.store_id(), after);
     let act = SignedProfileAct::by(&administrator(&store), ProfileName::Sim, end, "a test").unwrap();
     allow_profile(&store, ProfileName::Sim, ("{}".to_owned(), act), 7).unwrap();
+    commit(&store, "sim", vec![context(ProfileName::Sim)]).unwrap();
 }
 
 /// Stores with approvals, of an earlier version, and rebuilt with a gap.
@@ -279,6 +280,16 @@ fn persons_and_who_approved_are_judged_by_both() {
             "which profile",
             body("\"profile\":\"sim\"}", "\"profile\":\"real\"}", &of_kind("profile-allowed")),
             "the person",
+        ),
+        (
+            "whose profile",
+            "UPDATE audit SET kind = 'decision' WHERE kind = 'profile-allowed'".to_owned(),
+            "goes over from the profile real to sim",
+        ),
+        (
+            "a profile that asks for no word",
+            body("\"looser_by_word\":true", "\"looser_by_word\":false", &of_kind("context-set")),
+            "its body is not of its form",
         ),
         ("an unknown giver", body("\"who\":\"ada\"", "\"who\":\"zoe\"", put), "was not enrolled then"),
         (
