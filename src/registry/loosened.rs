@@ -103,12 +103,12 @@ impl Course {
     }
 }
 
-/// The first record that goes over to a looser profile without a word right before it, and what to say of it. What cannot be
-/// read is for the check of the chain to tell.
+/// The first record after these that goes over to a looser profile, and what to say of it: nobody signed the records there, so
+/// that no word among them counts. What cannot be read is for the check of the chain to tell.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub(crate) fn first_unsaid(connection: &Connection) -> rusqlite::Result<Option<(u64, String)>> {
+pub(crate) fn first_unsaid(connection: &Connection, signed: u64) -> rusqlite::Result<Option<(u64, String)>> {
     let kinds = [RecordKind::ContextSet.name(), RecordKind::ProfileAllowed.name()];
     let mut select =
         connection.prepare("SELECT seq, kind, body FROM audit WHERE kind IN (?1, ?2) ORDER BY seq")?;
@@ -117,17 +117,17 @@ pub(crate) fn first_unsaid(connection: &Connection) -> rusqlite::Result<Option<(
     while let Some(row) = rows.next()? {
         let (seq, kind, body): (u64, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
         let Ok(found) = serde_json::from_str::<OnRecord>(&body) else { continue };
-        if kind == RecordKind::ProfileAllowed.name() {
+        if kind == RecordKind::ContextSet.name() {
+            // What is signed is judged elsewhere.
+            if let Some(problem) = course.take(seq, &found).err().filter(|_| seq > signed) {
+                return Ok(Some((seq, problem)));
+            }
+        } else if seq <= signed {
             course.allow(seq, found.change.profile);
-        } else if let Err(problem) = course.take(seq, &found) {
-            return Ok(Some((seq, problem)));
         }
     }
     Ok(None)
 }
-
-/// What is read where a looser profile is asked for.
-const READING: &str = "read the word on the profile";
 
 /// The profile that the record at the end of the chain lets a store be used under; absent if it is no word, or not that record.
 fn newest_word(connection: &Connection, end: Head) -> rusqlite::Result<Option<ProfileName>> {
@@ -141,6 +141,21 @@ fn newest_word(connection: &Connection, end: Head) -> rusqlite::Result<Option<Pr
     Ok(found.map(|found| found.change.profile))
 }
 
+/// A looser profile follows another one where the end of the chain is a word that it may.
+fn check_follows(
+    connection: &Connection,
+    (last, next): (ProfileName, ProfileName),
+    end: Head,
+) -> Result<(), StoreError> {
+    if !loosening_is_signed(last, next) {
+        return Ok(());
+    }
+    match newest_word(connection, end).map_err(StoreError::sql("read the word on the profile"))? {
+        Some(allowed) if allowed == next => Ok(()),
+        Some(_) | None => Err(StoreError::LooserProfile { last, next }),
+    }
+}
+
 impl Views {
     /// Whether the store may be used under this profile next, as its rows have it. The engine that starts holds them against
     /// the chain; this is for whoever wants to tell before.
@@ -148,12 +163,9 @@ impl Views {
     /// # Errors
     /// [`StoreError::LooserProfile`], or if the store cannot be read.
     pub fn may_follow(&self, next: ProfileName) -> Result<(), StoreError> {
-        let Some((last, ..)) = self.context()?.filter(|(last, ..)| loosening_is_signed(*last, next)) else {
-            return Ok(());
-        };
-        match newest_word(&self.connection, self.head()?).map_err(StoreError::sql(READING))? {
-            Some(allowed) if allowed == next => Ok(()),
-            Some(_) | None => Err(StoreError::LooserProfile { last, next }),
+        match self.context()? {
+            Some((last, ..)) => check_follows(&self.connection, (last, next), self.head()?),
+            None => Ok(()),
         }
     }
 }
@@ -178,19 +190,12 @@ impl Applier<'_> {
 
     /// A looser profile than the last one comes into force right after an administrator's word that it may.
     pub(super) fn check_profile(&self, next: ProfileName) -> Result<(), StoreError> {
-        let last = match self.context() {
-            Ok((last, ..)) => last,
-            Err(StoreError::NotFound { .. }) => return Ok(()),
-            Err(error) => return Err(error),
-        };
-        if !loosening_is_signed(last, next) {
-            return Ok(());
-        }
-        // The rows were held against the chain, and its newest record is held against what it was when it was read or written:
-        // whoever edits it makes no word of it.
-        match newest_word(self.connection, self.head).map_err(StoreError::sql(READING))? {
-            Some(allowed) if allowed == next => Ok(()),
-            Some(_) | None => Err(StoreError::LooserProfile { last, next }),
+        match self.context() {
+            // The rows were held against the chain, and its newest record is held against what it was when it was read or
+            // written: whoever edits it makes no word of it.
+            Ok((last, ..)) => check_follows(self.connection, (last, next), self.head),
+            Err(StoreError::NotFound { .. }) => Ok(()),
+            Err(error) => Err(error),
         }
     }
 }

@@ -115,8 +115,8 @@ pub fn rebuild(
     };
     // Nobody is got to take a looser profile beside what an administrator has to sign.
     let reading = StoreError::sql("read the words on profiles");
-    let unsaid = first_unsaid(&damaged_store).map_err(reading)?;
-    if let Some((seq, problem)) = unsaid.filter(|(seq, _)| seq + unsigned > fold.end().seq) {
+    let signed = fold.end().seq.saturating_sub(unsigned);
+    if let Some((seq, problem)) = first_unsaid(&damaged_store, signed).map_err(reading)? {
         let problem = format!("nobody signed the record {seq}, and {problem}");
         return Err(StoreError::Refused { path: database, problem, hint: HINT_UNSAID });
     }

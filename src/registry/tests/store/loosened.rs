@@ -130,20 +130,33 @@ fn no_rebuild_takes_a_looser_profile_that_nobody_signed() {
     let store = open(folder.path());
     set(&store, "human", ProfileName::Human).unwrap();
     drop(store);
-    rewrite(
-        folder.path(),
-        "INSERT INTO audit (seq, prev, hash, at_ms, kind, subject, body, wall_ms)
-           SELECT seq + 1, hash, zeroblob(32), at_ms, 'context-set', '',
-             replace((SELECT body FROM audit WHERE kind = 'context-set' ORDER BY seq LIMIT 1),
-               '\"looser_by_word\":true,', ''), wall_ms
-           FROM audit ORDER BY seq DESC LIMIT 1",
-    );
+    let append = |kind: &str, body: &str| {
+        let record = format!(
+            "INSERT INTO audit (seq, prev, hash, at_ms, kind, subject, body, wall_ms)
+               SELECT seq + 1, hash, zeroblob(32), at_ms, '{kind}', '', {body}, wall_ms
+               FROM audit ORDER BY seq DESC LIMIT 1"
+        );
+        rewrite(folder.path(), &record);
+    };
+    // As an earlier version wrote it.
+    let first = "replace((SELECT body FROM audit WHERE kind = 'context-set' ORDER BY seq LIMIT 1),
+       '\"looser_by_word\":true,', '')";
     let database = folder.path().join("holdpoint.db");
-    for unsigned in [UnsignedRecords::Refuse, UnsignedRecords::Take] {
-        let error = unless_in_use(|| rebuild(folder.path(), unsigned, BY, 7)).unwrap_err();
-        let said = error.to_string();
-        assert!(said.contains("goes over from the profile human to sim"), "{unsigned:?}: {said}");
-        assert!(error.hint().unwrap().contains("from a backup"), "{error:?}");
-    }
-    assert!(verify(&database, None).is_err());
+    let is_refused = || {
+        for unsigned in [UnsignedRecords::Refuse, UnsignedRecords::Take] {
+            let error = unless_in_use(|| rebuild(folder.path(), unsigned, BY, 7)).unwrap_err();
+            let said = error.to_string();
+            assert!(said.contains("goes over from the profile human to sim"), "{unsigned:?}: {said}");
+            assert!(error.hint().unwrap().contains("from a backup"), "{error:?}");
+        }
+        assert!(verify(&database, None).is_err());
+    };
+    append("context-set", first);
+    is_refused();
+    // Nor beside a word that nobody signed either.
+    rewrite(folder.path(), "DELETE FROM audit WHERE seq = (SELECT max(seq) FROM audit)");
+    let word = r#"'{"change":{"act":{},"by":"{}","change":"allow-profile","profile":"sim"},"rows":[]}'"#;
+    append("profile-allowed", word);
+    append("context-set", first);
+    is_refused();
 }
