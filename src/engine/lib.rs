@@ -310,11 +310,15 @@ impl Engine {
             omitted,
         };
         let pipeline = Pipeline::new(settings, ledger, clock, baselines).map_err(|fault| match fault {
-            // Nobody failed: the store refuses the profile.
-            Fault::Store(error @ StoreError::LooserProfile { .. })
-            | Fault::Ledger(LedgerError::Store(error @ StoreError::LooserProfile { .. })) => error.into(),
+            // Nobody failed: the store refuses the profile, or somebody writes to it besides.
+            Fault::Store(error @ (StoreError::LooserProfile { .. } | StoreError::Altered(_)))
+            | Fault::Ledger(LedgerError::Store(
+                error @ (StoreError::LooserProfile { .. } | StoreError::Altered(_)),
+            )) => error.into(),
             fault => StartError::Fault(fault),
         })?;
+        // Much was read since the tables were compared, the profile that is in force for one.
+        pipeline.record().ledger().store().undisturbed()?;
         Ok(Self {
             pipeline,
             next_seq: 1,

@@ -85,6 +85,11 @@ pub enum StoreError {
     /// Somebody else wrote to the database of a running engine. Nothing is written over it.
     #[error("the store was changed behind the engine: {0}")]
     Altered(String),
+    /// Somebody else wrote to the database while it was read.
+    #[error(
+        "another program wrote to the database while the engine came up, and what was read of it may not be what is on record"
+    )]
+    Disturbed,
     /// The command id was used for something else.
     #[error("the command id {0:?} was already used for a different command")]
     CommandReused(String),
@@ -129,6 +134,9 @@ impl Hint for StoreError {
             Self::Key { source, .. } => source.hint(),
             Self::Approval { .. } => Some("a backup has it as it was given; without one it cannot be had again".into()),
             Self::Unknown => Some("restart and retry it".into()),
+            Self::Disturbed => {
+                Some("find out who writes there, look at `holdpoint audit verify`, and start again".into())
+            }
             Self::Altered(_) => Some(
                 "end the engine; `holdpoint store rebuild --from-chain` then makes the tables anew from the audit chain"
                     .into(),

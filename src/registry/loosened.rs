@@ -104,26 +104,33 @@ impl Course {
 }
 
 /// The first record after these that goes over to a looser profile, and what to say of it: nobody signed the records there, so
-/// that no word among them counts. What cannot be read is for the check of the chain to tell.
+/// that neither a word among them counts, nor that one is of a version that asked for none, nor what cannot be read. What is
+/// signed is judged elsewhere.
 ///
 /// # Errors
 /// If the store cannot be read.
 pub(crate) fn first_unsaid(connection: &Connection, signed: u64) -> rusqlite::Result<Option<(u64, String)>> {
     let kinds = [RecordKind::ContextSet.name(), RecordKind::ProfileAllowed.name()];
     let mut select =
-        connection.prepare("SELECT seq, kind, body FROM audit WHERE kind IN (?1, ?2) ORDER BY seq")?;
+        // By no index: one that is false hides records.
+        connection.prepare("SELECT seq, kind, body FROM audit WHERE +kind IN (?1, ?2) ORDER BY seq")?;
     let mut rows = select.query(kinds)?;
     let mut course = Course::default();
     while let Some(row) = rows.next()? {
         let (seq, kind, body): (u64, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
-        let Ok(found) = serde_json::from_str::<OnRecord>(&body) else { continue };
-        if kind == RecordKind::ContextSet.name() {
-            // What is signed is judged elsewhere.
-            if let Some(problem) = course.take(seq, &found).err().filter(|_| seq > signed) {
-                return Ok(Some((seq, problem)));
+        let is_signed = seq <= signed;
+        course.asked |= !is_signed;
+        let problem = match serde_json::from_str::<OnRecord>(&body) {
+            Ok(found) if kind == RecordKind::ContextSet.name() => course.take(seq, &found).err(),
+            Ok(found) if is_signed => {
+                course.allow(seq, found.change.profile);
+                None
             }
-        } else if seq <= signed {
-            course.allow(seq, found.change.profile);
+            Ok(_) => None,
+            Err(error) => Some(format!("it cannot be read which profile it is about: {error}")),
+        };
+        if let Some(problem) = problem.filter(|_| !is_signed) {
+            return Ok(Some((seq, problem)));
         }
     }
     Ok(None)

@@ -54,9 +54,16 @@ pub struct Opening {
     pub telemetry: FoundTelemetry,
 }
 
-struct Job {
-    transaction: Transaction,
-    answer: SyncSender<Result<Receipt, StoreError>>,
+/// What the writer is asked for.
+enum Job {
+    Commit {
+        transaction: Transaction,
+        answer: SyncSender<Result<Receipt, StoreError>>,
+    },
+    /// Whether another program wrote to the database since it was opened.
+    Disturbed {
+        answer: SyncSender<Result<bool, StoreError>>,
+    },
 }
 
 /// An open store. It belongs to this process until it is dropped.
@@ -108,7 +115,9 @@ impl Store {
         } else {
             check_existing(&layout, &key.verifying_key(), &problems, watch)?
         };
-        let (connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
+        let (mut connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
+        // What is read of the tables from here on is what was compared here, as long as nobody else writes.
+        let compared = hold_against(&mut connection, &fold)?;
         let store_id = if fold.end().seq == 0 {
             store_id::name_after(&connection, &key.verifying_key())?
         } else {
@@ -137,7 +146,8 @@ impl Store {
             checkpoints: layout.checkpoints(),
             snapshot_seq: fold.since(),
             fold,
-            compared: None,
+            compared: Some(compared),
+            opened: compared,
             checkpointed_seq: head.seq,
             link,
             checkpoint_problem: Arc::clone(&checkpoint_problem),
@@ -180,7 +190,7 @@ impl Store {
         let settled = Settled::by(&transaction.changes);
         let (answer, receipt) = sync_channel(1);
         let jobs = self.jobs.as_ref().ok_or(StoreError::Unknown)?;
-        jobs.send(Job { transaction, answer }).map_err(|_| StoreError::Unknown)?;
+        jobs.send(Job::Commit { transaction, answer }).map_err(|_| StoreError::Unknown)?;
         let receipt = receipt.recv().map_err(|_| StoreError::Unknown)??;
         if settled != Settled::default() {
             // What could not be removed is removed the next time; that it goes is on record.
@@ -248,6 +258,21 @@ impl Store {
         let found = self.altered.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let found = found.or_else(|| self.displaced());
         found.map_or(Ok(()), |problem| Err(StoreError::Altered(problem)))
+    }
+
+    /// What was read of the tables since the opening is what was compared then: no other program wrote to the database.
+    /// What one changed and put back is found by no comparison; that it was there is.
+    ///
+    /// # Errors
+    /// [`StoreError::Disturbed`].
+    pub fn undisturbed(&self) -> Result<(), StoreError> {
+        let (answer, disturbed) = sync_channel(1);
+        let jobs = self.jobs.as_ref().ok_or(StoreError::Unknown)?;
+        jobs.send(Job::Disturbed { answer }).map_err(|_| StoreError::Unknown)?;
+        match disturbed.recv().map_err(|_| StoreError::Unknown)?? {
+            true => Err(StoreError::Disturbed),
+            false => Ok(()),
+        }
     }
 
     /// Whether another file has the name of the database by now, or none: what is written is in a file that nobody finds
@@ -352,6 +377,8 @@ struct StoreWriter {
     fold: Fold,
     /// SQLite's count of what others wrote to the database, when the tables were last held against the chain.
     compared: Option<i64>,
+    /// The same count when the store was opened.
+    opened: i64,
     checkpointed_seq: u64,
     /// Of the next checkpoint.
     link: Link,
@@ -367,7 +394,15 @@ struct StoreWriter {
 impl StoreWriter {
     fn run(mut self, incoming: &Receiver<Job>) {
         let mut end = None;
-        while let Ok(Job { transaction, answer }) = incoming.recv() {
+        while let Ok(job) = incoming.recv() {
+            let (transaction, answer) = match job {
+                Job::Commit { transaction, answer } => (transaction, answer),
+                Job::Disturbed { answer } => {
+                    let now = written_by_others(&self.connection);
+                    let _ = answer.send(now.map(|now| now != self.opened));
+                    continue;
+                }
+            };
             let result = self.commit(&transaction).map(|(receipt, head)| {
                 let moved =
                     transaction.changes.iter().any(|change| matches!(change, Change::SetActive { .. }));
@@ -488,15 +523,31 @@ enum Others {
     Altered(String),
 }
 
+/// SQLite's count of what others than this connection wrote to the database.
+fn written_by_others(connection: &Connection) -> Result<i64, StoreError> {
+    connection
+        .prepare_cached("PRAGMA data_version")
+        .and_then(|mut pragma| pragma.query_row([], |row| row.get(0)))
+        .map_err(StoreError::sql("ask what others wrote"))
+}
+
+/// Holds the tables against the chain as they are now, and tells the count of [`written_by_others`] at that moment.
+fn hold_against(connection: &mut Connection, fold: &Fold) -> Result<i64, StoreError> {
+    let tx = connection
+        .transaction_with_behavior(TransactionBehavior::Immediate)
+        .map_err(StoreError::sql("begin a transaction"))?;
+    match check_others(&tx, fold, None)? {
+        Others::Compared(count) => Ok(count),
+        Others::Altered(problem) => Err(StoreError::Altered(problem)),
+    }
+}
+
 /// If another program wrote to the database since the tables were last compared, they are compared again: what was
 /// changed behind the engine's back is neither read nor written over. Where the database has another shape, triggers
 /// act no more: one that came in could change what is written.
 fn check_others(connection: &Connection, fold: &Fold, compared: Option<i64>) -> Result<Others, StoreError> {
     let error = StoreError::sql("compare the registry with the audit chain");
-    let now = connection
-        .prepare_cached("PRAGMA data_version")
-        .and_then(|mut pragma| pragma.query_row([], |row| row.get(0)))
-        .map_err(&error)?;
+    let now = written_by_others(connection)?;
     if compared == Some(now) {
         return Ok(Others::Compared(now));
     }

@@ -6,15 +6,18 @@ use std::process::Command as Process;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::anteroom::ReadWatch;
-use holdpoint::engine::door::{Client, DoorError, socket_path};
+use holdpoint::engine::anteroom::{Anteroom, ReadWatch};
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::door::{Client, DoorError, Signals, socket_path};
 use holdpoint::engine::host::{Host, HostConfig, Update};
+use holdpoint::engine::trial::cache::EpisodeCache;
+use holdpoint::engine::{Config, StartError};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint::protocol::seat::Sitting;
 use holdpoint::protocol::snapshot::Snapshot;
-use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, Transaction, Views};
+use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, StoreError, Transaction, Views};
 use holdpoint::runtime::capability;
 use rusqlite::Connection;
 
@@ -188,6 +191,40 @@ fn a_row_that_is_not_the_records_ends_the_engine_before_it_was_one() {
     assert!(!socket_path(&layout).exists() && Client::connect(&layout).unwrap().is_none());
     drop(host);
     assert_eq!(Views::open(&layout.database()).unwrap().head().unwrap().seq, records);
+}
+
+/// What is changed and put back between the comparison of the tables and the first write is found by no comparison.
+#[test]
+fn what_another_program_wrote_while_it_came_up_lets_no_engine_up() {
+    let folder = tempfile::tempdir().unwrap();
+    Front::start(folder.path(), None).host.stop(PATIENCE).unwrap();
+    let database = Layout::new(folder.path()).database();
+    let comes_up = |meanwhile: &dyn Fn()| {
+        let config = Config {
+            data: folder.path(),
+            profile: ProfileName::Sim.into(),
+            seed: 1,
+            jobs: 1,
+            scripted: false,
+            cell: Cell::builtin().unwrap(),
+            cache: EpisodeCache::InStore,
+        };
+        let mut anteroom = Anteroom::open(config, Signals::Left, Box::new(|_| ())).unwrap();
+        while !anteroom.turn() {}
+        meanwhile();
+        anteroom.enter().map(drop)
+    };
+    comes_up(&|| ()).unwrap();
+    let refused = comes_up(&|| {
+        let connection = Connection::open(&database).unwrap();
+        for profile in ["human", "sim"] {
+            connection.execute("UPDATE context SET profile = ?1", [profile]).unwrap();
+        }
+    });
+    assert!(matches!(refused, Err(StartError::Store(StoreError::Disturbed))), "{refused:?}");
+    comes_up(&|| ()).unwrap();
+    let (code, said) = verb(folder.path(), &["audit", "verify"]);
+    assert_eq!(code, Some(0), "{said}");
 }
 
 #[test]

@@ -159,4 +159,18 @@ fn no_rebuild_takes_a_looser_profile_that_nobody_signed() {
     append("profile-allowed", word);
     append("context-set", first);
     is_refused();
+    // Nor one that is read in two ways.
+    rewrite(folder.path(), "DELETE FROM audit WHERE seq > (SELECT max(seq) - 2 FROM audit)");
+    let twice =
+        format!("replace({first}, '\"profile\":\"sim\"', '\"profile\":\"human\",\"profile\":\"sim\"')");
+    append("context-set", &twice);
+    let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
+    assert!(error.to_string().contains("duplicate field"), "{error}");
+    // Nor one that an index hides.
+    rewrite(folder.path(), "DELETE FROM audit WHERE seq = (SELECT max(seq) FROM audit)");
+    let index = "DROP INDEX audit_kind; CREATE INDEX audit_kind ON audit (kind, seq) WHERE seq <= (20)";
+    rewrite(folder.path(), index);
+    append("context-set", first);
+    let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
+    assert!(error.to_string().contains("goes over from the profile human to sim"), "{error}");
 }
