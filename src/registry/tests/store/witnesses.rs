@@ -489,10 +489,10 @@ fn an_administrator_signs_which_witnesses_there_are() {
     };
     refused((BY.to_owned(), None), "an administrator signs it under the profile real");
     refused(word(&ada, true, head().hash), "only an administrator");
-    refused(word(&admin, false, head().hash), "does not follow");
+    refused(word(&admin, false, head().hash), "none for this end");
     let early = word(&admin, true, head().hash);
     commit(&store, "another", vec![context(ProfileName::Real)]).unwrap();
-    refused(early, "does not follow");
+    refused(early, "none for this end");
     add(word(&admin, true, head().hash)).unwrap();
     remove_witness(&store, &name, word(&admin, false, head().hash), 7).unwrap();
     // Where people decide, a key that others could have used does not do.
