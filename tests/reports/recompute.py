@@ -21,6 +21,11 @@ PATTERNS_MAX = 18
 PRINTED = 0.0501
 # Of the width of an interval: two runs of 10,000 resamples differ by chance.
 RESAMPLES_SLACK = 0.06
+# Where few differences are not zero, the resamples lie on few points with gaps between them, and an end falls on either side of
+# a gap by chance, however wide it is. Ends further apart than the slack are the same where no more of the resamples lie
+# between them than so many standard errors of the shares that two such runs have there.
+ERRORS_MAX = 4.0
+OUR_RESAMPLES, RESAMPLES = 10_000, 20_000
 
 COUNTED = re.compile(r"(\d+)/(\d+) = ([\d.]+) % \[([\d.]+), ([\d.]+)\]")
 
@@ -48,6 +53,15 @@ def holm(p_values):
     return adjusted
 
 
+def gap(draws, ours, theirs):
+    """How far two ends are apart, if hardly a resample lies between them; else nothing."""
+    low, high = sorted((ours, theirs))
+    between = ((draws > low + 1e-9) & (draws < high - 1e-9)).mean()
+    share = (draws <= theirs).mean()
+    error = numpy.sqrt(share * (1 - share) * (1 / OUR_RESAMPLES + 1 / RESAMPLES))
+    return high - low if between <= ERRORS_MAX * error else None
+
+
 def main():
     folder = Path(sys.argv[1])
     checked, wrong = 0, []
@@ -71,13 +85,15 @@ def main():
             if p is not None:
                 same(f"{row['comparison']}, p", float(row["p"]), p, 1e-9)
             if row["lower"]:
-                found = stats.bootstrap(
-                    (numpy.array(differences),), numpy.mean, n_resamples=20_000, method="BCa",
+                run = stats.bootstrap(
+                    (numpy.array(differences),), numpy.mean, n_resamples=RESAMPLES, method="BCa",
                     random_state=numpy.random.default_rng(1),
-                ).confidence_interval
+                )
+                found, draws = run.confidence_interval, run.bootstrap_distribution
                 slack = RESAMPLES_SLACK * (found.high - found.low)
-                same(f"{row['comparison']}, lower end", float(row["lower"]), found.low, slack)
-                same(f"{row['comparison']}, upper end", float(row["upper"]), found.high, slack)
+                for end, ours, theirs in (("lower", row["lower"], found.low), ("upper", row["upper"], found.high)):
+                    within = gap(draws, float(ours), theirs) or slack
+                    same(f"{row['comparison']}, {end} end", float(ours), theirs, within)
         for row, p_holm in zip(rows, holm(p_values)):
             same(f"{row['comparison']}, p after Holm", float(row["p_holm"]), p_holm, 1e-9)
     for count, total, share, low, high in COUNTED.findall((folder / "report.md").read_text()):
