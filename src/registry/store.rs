@@ -269,10 +269,8 @@ impl Store {
         let (answer, disturbed) = sync_channel(1);
         let jobs = self.jobs.as_ref().ok_or(StoreError::Unknown)?;
         jobs.send(Job::Disturbed { answer }).map_err(|_| StoreError::Unknown)?;
-        match disturbed.recv().map_err(|_| StoreError::Unknown)?? {
-            true => Err(StoreError::Disturbed),
-            false => Ok(()),
-        }
+        let disturbed = disturbed.recv().map_err(|_| StoreError::Unknown)??;
+        if disturbed { Err(StoreError::Disturbed) } else { Ok(()) }
     }
 
     /// Whether another file has the name of the database by now, or none: what is written is in a file that nobody finds
