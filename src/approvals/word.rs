@@ -49,17 +49,12 @@ impl Word<'_> {
         persons.check_signer(self.by, self.public_key)
     }
 
-    /// Whether the key lay under a passphrase or elsewhere, as far as that could be seen when it signed.
-    pub(super) fn is_guarded(&self) -> Result<(), PersonError> {
-        if self.guarded { Ok(()) } else { Err(PersonError::Unguarded(self.by.to_owned())) }
-    }
-
     /// Whether the signature is one that only the administrator could have made, as far as is on record.
     pub(super) fn check_guarded(&self, persons: &Persons) -> Result<(), PersonError> {
         if !persons.is_confirmed(self.by) {
             return Err(PersonError::SignerUnconfirmed(self.by.to_owned()));
         }
-        self.is_guarded()
+        if self.guarded { Ok(()) } else { Err(PersonError::Unguarded(self.by.to_owned())) }
     }
 
     fn bad_reason(&self) -> PersonError {

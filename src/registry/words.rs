@@ -28,7 +28,7 @@ pub(crate) fn check_words(
 ) -> rusqlite::Result<Result<(), VerifyError>> {
     let kinds = [RecordKind::WitnessSet, RecordKind::ProfileAllowed, RecordKind::ContextSet];
     let mut select = connection
-        .prepare("SELECT seq, prev, body, kind FROM audit WHERE +kind IN (?1, ?2, ?3) ORDER BY seq")?;
+        .prepare("SELECT seq, prev, body, kind FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
     let mut rows = select.query(kinds.map(RecordKind::name))?;
     let mut course = Course::default();
     while let Some(row) = rows.next()? {

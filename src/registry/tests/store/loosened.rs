@@ -168,9 +168,16 @@ fn no_rebuild_takes_a_looser_profile_that_nobody_signed() {
     assert!(error.to_string().contains("duplicate field"), "{error}");
     // Nor one that an index hides.
     rewrite(folder.path(), "DELETE FROM audit WHERE seq = (SELECT max(seq) FROM audit)");
-    let index = "DROP INDEX audit_kind; CREATE INDEX audit_kind ON audit (kind, seq) WHERE seq <= (20)";
-    rewrite(folder.path(), index);
     append("context-set", first);
+    let connection = rusqlite::Connection::open(&database).unwrap();
+    let sql = "SELECT sql FROM sqlite_schema WHERE name = 'audit_kind'";
+    let whole: String = connection.query_row(sql, [], |row| row.get(0)).unwrap();
+    let seq: u64 = connection.query_row("SELECT max(seq) FROM audit", [], |row| row.get(0)).unwrap();
+    let hides = format!("DROP INDEX audit_kind; {whole} WHERE seq < {seq}; PRAGMA writable_schema = ON");
+    connection.execute_batch(&hides).unwrap();
+    let text = "UPDATE sqlite_schema SET sql = ?1 WHERE name = 'audit_kind'";
+    connection.execute(text, [&whole]).unwrap();
+    drop(connection);
     let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
     assert!(error.to_string().contains("goes over from the profile human to sim"), "{error}");
 }
