@@ -236,6 +236,12 @@ impl Person {
     pub fn info(&self) -> IdentityInfo {
         IdentityInfo { name: self.name.clone(), role: self.role, public_key: self.public_key }
     }
+
+    /// The public key, 64 hexadecimal digits.
+    #[must_use]
+    pub fn key_hex(&self) -> String {
+        hex(self.public_key.as_bytes())
+    }
 }
 
 /// Everybody of a store, enrolled or revoked: what its acts come to, one after the other.

@@ -22,6 +22,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::{Profile, ProfileName, titled};
+use holdpoint_governance::risk::RiskClass;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::{self, Capability, PackageError, Parsed};
 use holdpoint_text::Untrusted;
@@ -151,6 +152,8 @@ struct CandidateReport {
     author: String,
     provenance: &'static str,
     estimated_risk: &'static str,
+    /// The risk class that it would get, by an author of whom nothing is known yet.
+    risk: RiskClass,
     summary: Untrusted,
     /// Whom it is compared with.
     against: String,
@@ -291,6 +294,7 @@ fn check(
         author: submission.author.clone(),
         provenance: submission.provenance.name(),
         estimated_risk: submission.estimated_risk.name(),
+        risk: standing.risk(candidate),
         summary: submission.summary.as_str().into(),
         against: standing.described(&candidate.id().family),
         verdicts,
@@ -301,7 +305,8 @@ fn check(
         out.line(&format!("digest     {}", checked.digest))?;
         out.line(&format!("bundle     {}", checked.bundle))?;
         out.line(&format!("submitted  by {} ({})", checked.author, checked.provenance))?;
-        out.line(&format!("risk       {} (the author's estimate)", checked.estimated_risk))?;
+        let estimate = checked.estimated_risk;
+        out.line(&format!("risk       {}; its author estimates {estimate}", checked.risk.in_words()))?;
         if !checked.summary.is_blank() {
             out.line(&format!("summary    {}", checked.summary.line()))?;
         }

@@ -221,7 +221,7 @@ impl Candidates {
 fn register(folder: &str) -> Result<Command, Problem> {
     let folder = Path::new(folder);
     let candidate = embedded::read(folder).map_err(|error| Problem::of(&error))?;
-    Ok(Command::Register { package: Package::clone(&candidate.package), name: shown(folder) })
+    Ok(Command::Register { package: Package::clone(&candidate.package), name: shown(folder), by: None })
 }
 
 #[cfg(test)]

@@ -245,7 +245,7 @@ impl EngineVerbs for RealEngine {
             None => None,
         };
         let mut side = Side::open(context)?;
-        let command = Command::Register { package, name };
+        let command = Command::Register { package, name, by: None };
         let exit = match &who {
             Some(who) => side.carry_out_as(context, who, command, out)?,
             None => side.carry_out(command, out)?,

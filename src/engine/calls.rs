@@ -18,7 +18,7 @@ impl Engine {
 
     /// Stage 1: takes a candidate in. `name` is what the package is called in messages.
     pub fn register_candidate(&mut self, package: Package, name: &str) -> Reply {
-        self.call(Command::Register { package, name: name.to_owned() })
+        self.call(Command::Register { package, name: name.to_owned(), by: None })
     }
 
     /// Stage 2 of a registered candidate, whole: interface, policy and the static part of recovery.

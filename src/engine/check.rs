@@ -18,6 +18,7 @@ use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_governance::risk::RiskClass;
 use holdpoint_protocol::detail::Changes;
 use holdpoint_registry::Views;
 use holdpoint_runtime::capability::{Capability, PackageError};
@@ -26,6 +27,7 @@ use crate::dossier::StaticAssessment;
 use crate::embedded::baselines;
 use crate::explain::difference::version_differences;
 use crate::ledger::{LedgerError, load_member};
+use crate::origin;
 use holdpoint_text::Hint;
 
 /// Why a version could not be checked: something that comes with the program does not load.
@@ -149,6 +151,8 @@ pub(crate) struct Against<'a> {
     pub(crate) registered: &'a [Registered],
     /// Whether there is a version for the fallback it names; absent if it names none.
     pub(crate) fallback_resolves: Option<bool>,
+    /// Whether the author's key signed it and a version of theirs was confirmed in the store.
+    pub(crate) author_known: bool,
 }
 
 /// The four assessments as far as they go without running anything: interface and policy, and behaviour and recovery as
@@ -159,7 +163,7 @@ pub(crate) fn assess(
     profile: &Profile,
     table: &PolicyTable,
 ) -> StaticAssessment {
-    let Against { active, registered, fallback_resolves } = *against;
+    let Against { active, registered, fallback_resolves, author_known } = *against;
     let found = judge(candidate, active, registered, profile, table);
     let declared = candidate.submission.declared_traces.as_ref();
     let parent = active.and_then(|active| active.submission.declared_traces.as_ref());
@@ -172,6 +176,7 @@ pub(crate) fn assess(
     StaticAssessment {
         asks_more: found.asks_more,
         changes: Changes { fields: version_differences(active, candidate), declared },
+        risk: origin::risk(candidate, active, author_known),
         kappas: Kappas {
             interface: found.interface,
             policy: found.policy,
@@ -255,6 +260,12 @@ impl Standing {
     #[must_use]
     pub fn active(&self, family: &Family) -> Option<&Capability> {
         self.actives.iter().find(|active| active.id().family == *family)
+    }
+
+    /// The risk class that a candidate would get here, by an author of whom nothing is known yet.
+    #[must_use]
+    pub fn risk(&self, candidate: &Capability) -> RiskClass {
+        origin::risk(candidate, self.active(&candidate.id().family), false)
     }
 
     /// Whom a candidate is compared with, in words.

@@ -133,6 +133,12 @@ impl Context {
         self.profile.activation.approval_bound
     }
 
+    /// Whether people are asked about some activations at least, so that it has to be certain who they are.
+    #[must_use]
+    pub fn asks_people(&self) -> bool {
+        self.profile.approval.quorum_high > 0
+    }
+
     /// The limits of kappa I, P, B, R.
     #[must_use]
     pub fn thresholds(&self) -> [f64; 4] {

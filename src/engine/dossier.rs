@@ -23,6 +23,7 @@ use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::recovery::RecoveryAssessment;
+use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::search::Searched;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_protocol::detail::Changes;
@@ -39,6 +40,8 @@ pub struct StaticAssessment {
     pub asks_more: Vec<String>,
     /// The whole difference.
     pub changes: Changes,
+    /// Its risk class by what changed.
+    pub risk: RiskClass,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -102,6 +105,9 @@ pub struct Dossier {
     pub new_permissions: Vec<String>,
     /// The whole difference to the active version it was assessed against.
     pub changes: Changes,
+    /// Its risk class with the causes; absent in records of older builds, which counts as high.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub risk: Option<RiskClass>,
     /// The deployment outcome of the last decision.
     pub deployment: Option<Deployability>,
     /// Profiles closed to it by a profile demotion.
@@ -140,6 +146,7 @@ impl Dossier {
         self.kappas = Some(found.kappas);
         self.new_permissions = found.asks_more;
         self.changes = found.changes;
+        self.risk = Some(found.risk);
     }
 
     /// Takes in what the gate says of it: what it would be let in under, and why.

@@ -8,6 +8,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::bound_robot::BoundRobot;
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
     self, FamilyState, LifecycleChange, LifecycleEvent, Refusal, State, Version, VersionRef,
@@ -19,6 +20,7 @@ use holdpoint_registry::{
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_text::Hint;
+use serde::{Deserialize, Serialize};
 
 /// Why a transition did not take place. Nothing has changed then.
 #[derive(Debug, thiserror::Error)]
@@ -100,11 +102,33 @@ pub struct Moved {
     pub to: State,
 }
 
+/// Where a version comes from: who registered it, and which key signed it as its author's.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// Who registered it.
+    #[serde(default)]
+    pub requester: Requester,
+    /// The author's public key, hexadecimal digits, where it signed the version or its registration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub author_key: Option<String>,
+}
+
+impl Origin {
+    /// Of a version that a script or the program itself registers.
+    #[must_use]
+    pub const fn of(requester: Requester) -> Self {
+        Self { requester, author_key: None }
+    }
+}
+
 /// A version in the ledger.
 #[derive(Clone, Debug)]
 pub struct Member {
     /// The version with its bundle.
     pub capability: Capability,
+    /// Who registered it, and whose key signed it.
+    pub origin: Origin,
     /// Counts state changes; approvals name it.
     pub row_version: u64,
     /// How it came to the state it is in.
@@ -136,9 +160,12 @@ impl FamilyEntry {
 }
 
 /// What a package is stored as, in the registry's submission column.
-#[derive(serde::Serialize, serde::Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct StoredPackage {
     package: Package,
+    /// Unknown in records of earlier versions of the program.
+    #[serde(default)]
+    origin: Origin,
 }
 
 /// Families by name, and the store they are written to.
@@ -249,7 +276,7 @@ impl Ledger {
     /// If the version exists, the lifecycle refuses, or the store does.
     pub fn register(
         &mut self,
-        capability: Capability,
+        (capability, origin): (Capability, Origin),
         baseline: bool,
         needs_approval: bool,
         at_ms: u64,
@@ -272,9 +299,9 @@ impl Ledger {
         };
         let event = if baseline { LifecycleEvent::Bootstrap } else { LifecycleEvent::Register };
         let (state, life) = lifecycle::apply(&before.state, event)?;
-        first.push(Change::RegisterVersion(Box::new(new_version(&capability, baseline)?)));
+        first.push(Change::RegisterVersion(Box::new(new_version(&capability, &origin, baseline)?)));
         let mut entry = before;
-        entry.members.push(Member { capability, row_version: 1, course: Course::default() });
+        entry.members.push(Member { capability, origin, row_version: 1, course: Course::default() });
         if baseline {
             first.push(Change::SetState {
                 version: id.clone(),
@@ -432,7 +459,7 @@ fn wall_ms() -> i64 {
     since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0)
 }
 
-fn new_version(capability: &Capability, baseline: bool) -> Result<NewVersion, LedgerError> {
+fn new_version(capability: &Capability, origin: &Origin, baseline: bool) -> Result<NewVersion, LedgerError> {
     let id = capability.id();
     let record = |what| {
         let of = id.to_string();
@@ -441,7 +468,7 @@ fn new_version(capability: &Capability, baseline: bool) -> Result<NewVersion, Le
     let manifest = &capability.manifest;
     let submission = &capability.submission;
     let parent = submission.parent.clone().map(|version| CapabilityId { family: id.family.clone(), version });
-    let stored = StoredPackage { package: (*capability.package).clone() };
+    let stored = StoredPackage { package: (*capability.package).clone(), origin: origin.clone() };
     Ok(NewVersion {
         id: id.clone(),
         parent,
@@ -480,5 +507,6 @@ pub(crate) fn load_member(views: &Views, id: &CapabilityId) -> Result<Option<Mem
         });
     }
     let course = views.course(id)?;
-    Ok(Some(Member { capability, row_version: detail.summary.row_version, course }))
+    let origin = stored.origin;
+    Ok(Some(Member { capability, origin, row_version: detail.summary.row_version, course }))
 }

@@ -32,6 +32,7 @@ mod listeners;
 pub mod monitors;
 pub mod observed;
 mod operations;
+mod origin;
 pub mod people;
 pub mod pipeline;
 pub mod pump;

@@ -19,7 +19,7 @@ use proptest::test_runner::{Config, RngSeed};
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
 use tempfile::TempDir;
 
-use crate::ledger::{Ledger, LedgerError, Note};
+use crate::ledger::{Ledger, LedgerError, Note, Origin};
 
 /// The most versions of the family.
 const VERSIONS: u16 = 4;
@@ -233,7 +233,7 @@ impl Kept {
         let note = self.note(event);
         let done = if event == LifecycleEvent::Register {
             let next = capability(self.ledger.family(&family()).unwrap().members.len());
-            self.ledger.register(next, false, false, self.at_ms, note)
+            self.ledger.register((next, Origin::default()), false, false, self.at_ms, note)
         } else {
             self.ledger.transition(&family(), event, self.at_ms, note)
         };
@@ -259,7 +259,7 @@ impl StateMachineTest for Kept {
         };
         kept.ledger.write(vec![context], Vec::new(), 1).unwrap();
         let note = Note { cause: Some(ActiveCause::Bootstrap), ..Note::because("the first one") };
-        kept.ledger.register(capability(0), true, false, 1, note).unwrap();
+        kept.ledger.register((capability(0), Origin::default()), true, false, 1, note).unwrap();
         kept
     }
 

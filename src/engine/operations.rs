@@ -9,6 +9,7 @@ use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::ledger::Note;
+use crate::origin;
 use crate::record::Record;
 use crate::stages::monitoring::Live;
 use crate::stages::rollback;
@@ -16,6 +17,7 @@ use crate::world::LiveWorld;
 use crate::world::live::LiveFault;
 use crate::world::supervisor::Trip;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, State, VersionRef};
@@ -37,6 +39,7 @@ pub(crate) fn register(
     record: &mut Record,
     name: &str,
     package: Package,
+    (signer, named): (Option<(&str, &str)>, Option<&str>),
 ) -> Result<Reply, Fault> {
     let shown = Untrusted::new(name).line().into_string();
     let candidate = match Capability::load(&shown, package) {
@@ -46,10 +49,13 @@ pub(crate) fn register(
         }
     };
     let id = candidate.id();
-    let event = registered_event(&candidate);
+    let persons = record.ledger().store().persons()?;
+    let requester = origin::requester(signer, record.clock().is_scripted(), named, &persons);
+    let origin = origin::of(requester, &candidate);
+    let event = registered_event(&candidate, &origin.requester);
     say_refused_form(record, &candidate);
-    let note = Note::because("submitted");
-    record.register(candidate, false, context.needs_approval(), note)?;
+    let note = Note::because(format!("submitted by {}", origin.requester.name()));
+    record.register((candidate, origin), false, context.needs_approval(), note)?;
     record.tell(event);
     accepted(&id, "registered")
 }
@@ -67,12 +73,13 @@ pub(crate) fn say_refused_form(record: &mut Record, version: &Capability) {
 }
 
 /// What is told of a version that was taken in.
-pub(crate) fn registered_event(capability: &Capability) -> EventKind {
+pub(crate) fn registered_event(capability: &Capability, requester: &Requester) -> EventKind {
     let submission = &capability.submission;
     EventKind::Registered {
         version: capability.id(),
         digest: capability.digest(),
         author: submission.author.clone(),
+        requester: requester.clone(),
         provenance: submission.provenance,
         risk: submission.estimated_risk,
         parent: submission.parent.as_ref().map(ToString::to_string),

@@ -15,7 +15,7 @@ use holdpoint_runtime::capability::Capability;
 
 use crate::alarms::RaisedAlarms;
 use crate::fault::Fault;
-use crate::ledger::{Ledger, Moved, Note};
+use crate::ledger::{Ledger, Moved, Note, Origin};
 use crate::observed::tally::Tally;
 
 /// See the module's head.
@@ -157,13 +157,13 @@ impl Record {
     /// If the version exists, the lifecycle refuses, or the store does.
     pub fn register(
         &mut self,
-        capability: Capability,
+        version: (Capability, Origin),
         baseline: bool,
         needs_approval: bool,
         note: Note,
     ) -> Result<(), Fault> {
         let at_ms = self.clock.now_ms();
-        self.ledger.register(capability, baseline, needs_approval, at_ms, note)?;
+        self.ledger.register(version, baseline, needs_approval, at_ms, note)?;
         Ok(())
     }
 

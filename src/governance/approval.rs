@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::decision::{Dimension, Reason, ReasonCode};
@@ -112,6 +113,87 @@ pub struct Vote {
     pub nonce_used: bool,
 }
 
+/// Who asked for a version to be taken in: on record with its registration, and never among those who approve it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", tag = "by", deny_unknown_fields)]
+pub enum Requester {
+    /// An enrolled person, whose key signed the registration. In a script, the person its step names.
+    Person {
+        /// Name of the identity.
+        name: String,
+        /// The public key, hexadecimal digits; empty where a script names somebody without a key.
+        key: String,
+    },
+    /// A script whose step names nobody.
+    Script,
+    /// The program itself: a version that a cell is commissioned with.
+    Program,
+    /// The registration was not signed, or an earlier version of the program did not keep who signed it.
+    #[default]
+    Unknown,
+}
+
+impl Requester {
+    /// How the requester is named on screen and in messages.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Person { name, .. } => name,
+            Self::Script => "script",
+            Self::Program => "holdpoint",
+            Self::Unknown => "not known",
+        }
+    }
+
+    /// Whether this is the person: by name, or by key, for one key is one person.
+    #[must_use]
+    pub fn is(&self, person: &str, key: &str) -> bool {
+        match self {
+            Self::Person { name, key: own } => name == person || (!own.is_empty() && own == key),
+            Self::Script | Self::Program | Self::Unknown => false,
+        }
+    }
+}
+
+crate::words! {
+    /// How far it is known who wrote a version.
+    Authorship, "authorship", {
+        /// The author's enrolled key signed the version, or the author registered it.
+        Signed = "signed",
+        /// An enrolled person has the name that the submission gives; their key did not sign it.
+        Named = "named",
+        /// The name is free text: no enrolled key stands behind it.
+        Unverified = "unverified",
+    }
+}
+
+/// Who wrote a version.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Author {
+    /// The name in the submission.
+    pub name: String,
+    /// How far that is known.
+    pub authorship: Authorship,
+    /// The author's public key, hexadecimal digits; empty where none is known.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub key: String,
+}
+
+impl Author {
+    /// Whether this is the person. A name that no enrolled key stands behind is no enrolled person's.
+    #[must_use]
+    pub fn is(&self, person: &str, key: &str) -> bool {
+        self.name == person || (!self.key.is_empty() && self.key == key)
+    }
+
+    /// The name with what is known of it, e.g. `ada (unverified)`.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        format!("{} ({})", self.name, self.authorship)
+    }
+}
+
 /// A question put to people: about which candidate and evidence, how many have to agree, and who cannot be one of
 /// them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -119,14 +201,17 @@ pub struct Vote {
 pub struct Request {
     /// The candidate and the circumstances people are asked about.
     pub subject: Subject,
-    /// Risk tier of the candidate, which decides the roles that count.
+    /// Risk class of the candidate, which decides the roles that count.
     pub risk: Risk,
     /// Distinct people needed (see [`quorum`]).
     pub quorum: u8,
-    /// Identity that asked for the activation; it cannot approve.
-    pub requester: String,
-    /// Identity that wrote the candidate; it cannot approve.
-    pub author: String,
+    /// Who registered the candidate; cannot approve.
+    pub requester: Requester,
+    /// Who wrote the candidate; cannot approve.
+    pub author: Author,
+    /// Name of the person who put this very question: asked for a release, or used the emergency door whose review
+    /// it is. Cannot approve; absent for an activation.
+    pub asked_by: Option<String>,
     /// When it was asked, virtual s; the profile's `approval.timeout_s` counts from here.
     pub asked_s: f64,
 }
@@ -181,19 +266,18 @@ impl ApprovalResult {
 /// People who have to review an emergency activation: two, neither who broke the glass nor the author.
 pub const REVIEWERS: u8 = 2;
 
-/// Distinct people needed: by risk tier if activation is bound to approvals, and at least the review's
-/// quorum if a dimension asked for a review.
+/// Distinct people needed: by risk class, and at least the review's quorum if a dimension asked for a review.
 #[must_use]
-pub fn quorum(settings: &ApprovalSettings, approval_bound: bool, risk: Risk, review: bool) -> u8 {
-    let tier = if approval_bound { settings.quorum(risk) } else { 0 };
+pub fn quorum(settings: &ApprovalSettings, risk: Risk, review: bool) -> u8 {
+    let tier = settings.quorum(risk);
     if review { tier.max(settings.quorum_review) } else { tier }
 }
 
 /// Counts the answers (total: every input gives an outcome, and none but a full quorum grants).
 ///
 /// An answer counts if its signature is valid, its nonce unused, it is over exactly this subject and not
-/// expired. An approval must also come from somebody else than requester and author, whose role reaches the
-/// tier; high risk needs a safety officer among them. Two names with one key are one person, who counts once. A refusal
+/// expired. An approval must also come from somebody else than requester, author and who put the question, whose role
+/// reaches the class; high risk needs a safety officer among them. Two names with one key are one person, who counts once. A refusal
 /// that counts refuses, whoever it comes from.
 #[must_use]
 pub fn evaluate(
@@ -309,8 +393,13 @@ fn void(vote: &Vote, request: &Request, now_s: f64) -> Option<(ReasonCode, &'sta
 
 /// Why an approval does not count although the answer does.
 fn not_independent(vote: &Vote, request: &Request) -> Option<(ReasonCode, &'static str)> {
-    if vote.person == request.requester || vote.person == request.author {
-        Some((ReasonCode::ApprovalSelf, "who asks or writes cannot approve"))
+    let (person, key) = (vote.person.as_str(), vote.key.as_str());
+    if request.requester.is(person, key) {
+        Some((ReasonCode::ApprovalSelf, "they registered the version, and so cannot approve it"))
+    } else if request.author.is(person, key) {
+        Some((ReasonCode::ApprovalSelf, "they wrote the version, and so cannot approve it"))
+    } else if request.asked_by.as_deref() == Some(person) {
+        Some((ReasonCode::ApprovalSelf, "they asked for this themselves, and so cannot approve it"))
     } else if !vote.role.reaches(request.risk) {
         Some((ReasonCode::ApprovalRole, "the role does not reach this risk tier"))
     } else {

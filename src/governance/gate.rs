@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 pub use super::alignment::Alignment;
-use super::approval::{ApprovalOutcome, ApprovalResult};
+use super::approval::{ApprovalOutcome, ApprovalResult, Requester};
 use super::composition::{Kappas, recovery_is_reviewable};
 use super::condition::{self, Condition};
 use super::decision::{Answers, Decision, Dimension, MadeUnder, Reason, ReasonCode};
@@ -194,8 +194,10 @@ pub struct GateInput<'a> {
     pub improved: bool,
     /// What people answered, taken together; absent if nobody was asked yet.
     pub approval: Option<&'a ApprovalResult>,
-    /// Risk tier of the candidate; high needs a safety officer among the approvals.
+    /// Risk class of the candidate; high needs a safety officer among the approvals.
     pub risk: Risk,
+    /// Who registered the candidate.
+    pub requester: &'a Requester,
     /// How the version came about; site policies may forbid a risk tier of one provenance.
     pub provenance: Provenance,
     /// Profiles closed to this version by a profile demotion.
@@ -283,7 +285,7 @@ pub fn people_needed(
     profile: &Profile,
 ) -> u8 {
     let review = needs_review(kappas, profile);
-    let asked = super::approval::quorum(&profile.approval, profile.activation.approval_bound, risk, review);
+    let asked = super::approval::quorum(&profile.approval, risk, review);
     let site =
         table.activation_reviewed(risk, provenance).map_or(0, |_| profile.approval.quorum_review.max(1));
     asked.max(site).max(condition::people_needed(&kappas.conditions()))
@@ -439,6 +441,11 @@ impl GateFindings {
         if !input.unmet.is_empty() {
             let text = format!("no active version meets what it depends on: {}", input.unmet.join(", "));
             self.hold.push(reason(ReasonCode::GateDependencyUnmet, text));
+        }
+        if *input.requester == Requester::Unknown && profile.name == ProfileName::Human {
+            let text = "no enrolled person is on record as having registered it, so nobody can be told to be independent \
+                        of it; register it again, signed, under a new version";
+            self.hold.push(reason(ReasonCode::GateRequesterUnknown, text));
         }
         if input.review_open {
             let text = "a review after an emergency approval is open";

@@ -236,6 +236,7 @@ mod policy_table;
 pub mod profile;
 pub mod record;
 pub mod recovery;
+pub mod risk;
 pub mod rollback;
 pub mod search;
 pub mod senses;

@@ -2,7 +2,7 @@
 //!
 //! Owns when a step has ended and what became of the candidate; must not judge it.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::outcome::{Followed, outcome_of};
@@ -13,7 +13,7 @@ use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pump::Pump;
 use holdpoint_governance::alarms::AlarmKey;
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
@@ -81,8 +81,8 @@ impl<'a> Driver<'a> {
 
     /// Carries out a step of a scenario; `index` names it in errors.
     pub(super) fn step(&mut self, step: &Step, index: usize) -> Result<StepEnd, CliError> {
-        if let Some(folder) = &step.register {
-            self.register(folder)
+        if let Some(candidate) = &step.register {
+            self.register(candidate.folder(), candidate.who())
         } else if let Some(wait) = &step.wait {
             self.wait(wait)
         } else if let Some(say) = &step.approve {
@@ -98,9 +98,9 @@ impl<'a> Driver<'a> {
             self.accept(Command::Goal { goal: goal.clone(), by, reason })
         } else if let Some(fault) = &step.fault {
             self.accept(Command::LiveFault { fault: Some(fault.kind) })
-        } else if let Some(Say { who, reason }) = &step.stop {
+        } else if let Some(Say { who, reason, .. }) = &step.stop {
             self.accept(Command::Stop { by: who.clone(), reason: reason.clone() })
-        } else if let Some(Say { who, reason }) = &step.go {
+        } else if let Some(Say { who, reason, .. }) = &step.go {
             // A script knows what it did.
             let stopped = self.pump.engine().snapshot().stopped;
             let (since_ms, stops) = stopped.map_or((0, 0), |stopped| (stopped.since_ms, stopped.stops));
@@ -161,9 +161,19 @@ impl<'a> Driver<'a> {
     /// Has everybody enrolled whom the steps need, by the store's administrator.
     pub(super) fn enrol(&mut self, steps: &[Step]) -> Result<(), CliError> {
         let said = |step: &Step| [&step.approve, &step.reject, &step.break_glass].map(Option::clone);
-        let names: BTreeSet<String> = steps.iter().flat_map(said).flatten().map(|say: Say| say.who).collect();
-        for who in names {
-            let command = approver::enrolment(self.pump.engine(), &who).map_err(CliError::usage)?;
+        let mut roles: BTreeMap<String, Role> = BTreeMap::new();
+        for Say { who, role, .. } in steps.iter().flat_map(said).flatten() {
+            let known = roles.entry(who).or_insert(role);
+            if role != Role::Engineer && *known == Role::Engineer {
+                *known = role;
+            }
+        }
+        let requesters = steps.iter().filter_map(|step| step.register.as_ref()?.who());
+        for who in requesters {
+            roles.entry(who.to_owned()).or_insert(Role::Engineer);
+        }
+        for (who, role) in roles {
+            let command = approver::enrolment(self.pump.engine(), &who, role).map_err(CliError::usage)?;
             if let Some(command) = command {
                 self.accept(command)?;
             }
@@ -231,10 +241,10 @@ impl<'a> Driver<'a> {
         accepted(self.submit(command)?)
     }
 
-    pub(super) fn register(&mut self, folder: &str) -> Result<StepEnd, CliError> {
+    pub(super) fn register(&mut self, folder: &str, by: Option<&str>) -> Result<StepEnd, CliError> {
         let candidate = embedded::read(Path::new(folder)).map_err(CliError::usage)?;
         let package = Package::clone(&candidate.package);
-        let command = Command::Register { package, name: folder.to_owned() };
+        let command = Command::Register { package, name: folder.to_owned(), by: by.map(ToOwned::to_owned) };
         // The id is known before the events are read, so that none of them is missed.
         self.candidate = Some(candidate.id());
         self.given.clear();

@@ -160,7 +160,7 @@ impl PlainStream<'_> {
         self.printer.note(&format!("submitting the demonstration candidate {name}"))?;
         let candidate = embedded::read(Path::new(name)).map_err(CliError::usage)?;
         let package = Package::clone(&candidate.package);
-        let command = Command::Register { package, name: name.to_owned() };
+        let command = Command::Register { package, name: name.to_owned(), by: None };
         let reply = self.pump.submit(Request::unsigned("demonstration".to_owned(), command));
         match reply {
             // The demonstration is nobody, and signs nothing.

@@ -18,6 +18,7 @@ use serde::Deserialize;
 
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::AlarmKind;
+use holdpoint_governance::approval::Role;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -57,7 +58,7 @@ pub struct Script {
 #[serde(deny_unknown_fields)]
 pub struct Step {
     /// Submit the candidate in this folder (an embedded one, or a path from the working folder).
-    pub register: Option<String>,
+    pub register: Option<Registration>,
     /// Wait for a state or a prompt.
     pub wait: Option<Wait>,
     pub approve: Option<Say>,
@@ -99,6 +100,47 @@ pub struct Step {
     pub expect: Option<Expect>,
 }
 
+/// A candidate that is submitted: its folder alone, or with the person on whose behalf.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(untagged)]
+pub enum Registration {
+    /// Its requester is the script, which approves nothing.
+    Folder(String),
+    /// Its requester is a person, who cannot approve it.
+    By(RegistrationBy),
+}
+
+/// A candidate that is submitted on a person's behalf.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RegistrationBy {
+    /// Its folder, as in the plain form.
+    pub folder: String,
+    /// Who asks for it.
+    #[serde(rename = "as")]
+    pub who: String,
+}
+
+impl Registration {
+    /// The candidate's folder.
+    #[must_use]
+    pub fn folder(&self) -> &str {
+        match self {
+            Self::Folder(folder) => folder,
+            Self::By(by) => &by.folder,
+        }
+    }
+
+    /// Who asks for it; absent where the step names nobody.
+    #[must_use]
+    pub fn who(&self) -> Option<&str> {
+        match self {
+            Self::Folder(_) => None,
+            Self::By(by) => Some(&by.who),
+        }
+    }
+}
+
 /// What is waited for.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -123,6 +165,13 @@ pub struct Say {
     #[serde(rename = "as")]
     pub who: String,
     pub reason: String,
+    /// The role in which the person is enrolled, if the store does not know them; a step that names another than engineer counts.
+    #[serde(default = "engineer")]
+    pub role: Role,
+}
+
+const fn engineer() -> Role {
+    Role::Engineer
 }
 
 /// Sequences that the live cell works.
@@ -313,9 +362,11 @@ mod tests {
             [[step]]
             register = "manifests/candidates/grasp-improved"
             [[step]]
+            register = { folder = "manifests/candidates/align-improved", as = "mara" }
+            [[step]]
             wait = { prompt = "any", timeout_s = 600 }
             [[step]]
-            approve = { as = "alice", reason = "read" }
+            approve = { as = "alice", reason = "read", role = "safety" }
             [[step]]
             drift = { kind = "combined", magnitude = "strong" }
             [[step]]
@@ -347,7 +398,7 @@ mod tests {
             [[step]]
             expect = { state = "confirmed", reason = "approval-granted" }
         "#;
-        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 18);
+        assert_eq!(Script::parse("a.toml", text).unwrap().steps.len(), 19);
     }
 
     #[test]

@@ -40,19 +40,19 @@ impl Hint for ApproverError {
     }
 }
 
-/// The command by which the store's administrator enrols `who`, whose key is made if there is none; `None` if the store
+/// The command by which the store's administrator enrols `who` in a role, their key made if there is none; `None` if the store
 /// knows the person already, enrolled or revoked.
 ///
 /// # Errors
 /// [`ApproverError`].
-pub fn enrolment(engine: &Engine, who: &str) -> Result<Option<Command>, ApproverError> {
+pub fn enrolment(engine: &Engine, who: &str, role: Role) -> Result<Option<Command>, ApproverError> {
     let (layout, folder) = (engine.layout(), engine.layout().identities());
     let persons = Views::open(&layout.database())?.persons()?;
     if persons.named(who).is_some() {
         return Ok(None);
     }
     let identity = match Identity::load(&folder, who) {
-        Err(IdentityError::Unknown { .. }) => Identity::create(&folder, who, Role::Engineer)?,
+        Err(IdentityError::Unknown { .. }) => Identity::create(&folder, who, role)?,
         known => known?,
     };
     let admin = persons.unasked(&folder).ok_or_else(|| ApproverError::NobodyEnrols(who.to_owned()))?;

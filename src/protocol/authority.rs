@@ -89,8 +89,8 @@ impl Command {
             | Self::Go { by, .. }
             | Self::Goal { by, .. }
             | Self::Note { by, .. } => Some(by),
-            Self::Register { .. }
-            | Self::Decide { .. }
+            Self::Register { by, .. } => by.as_deref(),
+            Self::Decide { .. }
             | Self::Person { .. }
             | Self::Drift { .. }
             | Self::LiveFault { .. }

@@ -34,6 +34,10 @@ pub enum Command {
         package: Package,
         /// What the package is called in messages (its folder).
         name: String,
+        /// In a script, the person on whose behalf it is registered; elsewhere the signature says who asks, and this
+        /// is not looked at. Absent where a script's step names nobody.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        by: Option<String>,
     },
     /// A person's signed approval or refusal of a waiting candidate.
     Decide {

@@ -3,16 +3,19 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 use super::event::DimensionResult;
 use super::explained::Explained;
 use super::film::FilmAsked;
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::evidence::{DrillKind, SandboxMode};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
+use holdpoint_governance::risk::RiskCause;
 use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
 
 /// The most rows of one page; a larger limit is read as this one.
@@ -177,8 +180,14 @@ pub struct Detail {
     pub author: String,
     /// How the version came about, as the submission has it.
     pub provenance: Provenance,
-    /// Risk tier, as the submission estimates it.
+    /// Who registered it, and so cannot approve it.
+    #[serde(default)]
+    pub requester: Requester,
+    /// Risk class by what changed; before it was assessed, as the submission estimates it.
     pub risk: Risk,
+    /// What the risk class follows from; empty before it was assessed.
+    #[serde(default)]
+    pub risk_causes: BTreeSet<RiskCause>,
     /// Virtual time of registration, ms.
     pub registered_ms: u64,
     /// The four dimensions as they were last assessed, in the order I, P, B, R.

@@ -11,7 +11,7 @@ use super::explained::blank;
 use super::purpose::Purpose;
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::{Answer, Requester};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
@@ -90,6 +90,9 @@ pub enum EventKind {
         digest: Digest,
         /// Identity of its author, as the submission has it.
         author: String,
+        /// Who registered it, and so cannot approve it; unknown in events of earlier versions of the program.
+        #[serde(default)]
+        requester: Requester,
         /// How the version came about, as the submission has it.
         provenance: Provenance,
         /// Risk tier, as the submission estimates it.

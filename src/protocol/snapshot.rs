@@ -15,6 +15,7 @@ use super::seat::SeatView;
 use holdpoint_approvals::Nonce;
 use holdpoint_body::rehearsal::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evidence::{Drills, Signature, StaleCause};
@@ -22,6 +23,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::profile::{ProfileName, SiteName};
+use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
 
@@ -412,8 +414,14 @@ pub struct PromptView {
     pub asked_ms: u64,
     /// How much friction a decision needs (0, 1 or 2; reference A6).
     pub tier: u8,
-    /// Who made the candidate, and so cannot approve it.
+    /// Who made the candidate and how far that is known, e.g. `ada (unverified)`; they cannot approve it.
     pub author: String,
+    /// Who registered the candidate, and so cannot approve it.
+    #[serde(default)]
+    pub requester: Requester,
+    /// Its risk class with the causes; absent before it was assessed, which counts as high.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub risk: Option<RiskClass>,
     /// Permissions that the active version does not have, or has at a lower level.
     pub new_permissions: Vec<String>,
     /// The whole difference to the active version.

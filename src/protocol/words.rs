@@ -35,11 +35,21 @@ fn text(kind: &EventKind) -> String {
             agent.short()
         ),
         EventKind::Recovered { version, text } => format!("recover  {version}: {text}"),
-        EventKind::Registered { version, digest, author, provenance, risk, parent, interface_changes } => {
+        EventKind::Registered {
+            version,
+            digest,
+            author,
+            requester,
+            provenance,
+            risk,
+            parent,
+            interface_changes,
+        } => {
             let parent = parent.as_ref().map_or_else(String::new, |parent| format!(", from {parent}"));
             let mut line = format!(
-                "register {version} {} by {author} ({provenance}, {risk} risk{parent})",
-                digest.short()
+                "register {version} {} by {author} ({provenance}, estimated risk {risk}{parent}), requested by {}",
+                digest.short(),
+                requester.name()
             );
             if !interface_changes.is_empty() {
                 let changes: Vec<String> = interface_changes.iter().map(ToString::to_string).collect();

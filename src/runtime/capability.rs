@@ -385,6 +385,20 @@ impl Capability {
         self.manifest.id()
     }
 
+    /// Whether another version runs the same code: the same controller, or the same bytes of a component, and the same
+    /// alterations around it. Parameters are no code.
+    #[must_use]
+    pub fn has_code_of(&self, other: &Self) -> bool {
+        let altered =
+            |version: &Self| altered::split("", &version.package.params).map(|(found, _)| found).ok();
+        let same_bundle = match (&self.package.component, &other.package.component) {
+            (Some(own), Some(theirs)) => own == theirs,
+            (None, None) => self.manifest.deployment.bundle == other.manifest.deployment.bundle,
+            (Some(_), None) | (None, Some(_)) => false,
+        };
+        same_bundle && altered(self) == altered(other)
+    }
+
     /// Digest of manifest and bundle: what approvals and evidence bind to.
     #[must_use]
     pub const fn digest(&self) -> Digest {

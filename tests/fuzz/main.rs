@@ -213,7 +213,7 @@ fn call() {
         component: None,
     };
     let commands = [
-        Command::Register { package, name: "grasp-improved".into() },
+        Command::Register { package, name: "grasp-improved".into(), by: None },
         Command::Decide { signed: Box::new(signed()), shown: Some("all".into()) },
         Command::Rollback(operation("worse")),
         Command::Demote { operation: operation(""), profiles: vec![ProfileName::Real] },

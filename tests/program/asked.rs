@@ -46,7 +46,7 @@ impl Bench {
     fn register(&mut self, name: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
         let package = capability::read(&path).unwrap();
-        let reply = self.ask(Command::Register { package, name: name.to_owned() });
+        let reply = self.ask(Command::Register { package, name: name.to_owned(), by: None });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         self.engine.advance();
     }
@@ -149,7 +149,13 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     let candidate = snapshot.candidates.first().unwrap();
     let folder = bench.engine.layout().identities();
     let identity = Identity::create(&folder, "ada", Role::Engineer).unwrap();
-    let enrolment = holdpoint::lab::approver::enrolment(&bench.engine, "ada").unwrap().unwrap();
+    let enrolment = holdpoint::lab::approver::enrolment(
+        &bench.engine,
+        "ada",
+        holdpoint_governance::approval::Role::Engineer,
+    )
+    .unwrap()
+    .unwrap();
     assert!(matches!(bench.ask(enrolment), Reply::Accepted { .. }));
     let mut decide = |bytes: usize| {
         let signed = identity

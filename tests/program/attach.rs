@@ -175,7 +175,7 @@ fn fifty_look_on_while_a_version_is_judged_and_one_of_them_sleeps() {
     };
     let mut sleeper = attach(0);
     let package = capability::read(std::path::Path::new("manifests/candidates/grasp-hard-grip")).unwrap();
-    let command = Command::Register { package, name: "grasp-hard-grip".to_owned() };
+    let command = Command::Register { package, name: "grasp-hard-grip".to_owned(), by: None };
     let lookers: Vec<_> = (1..50)
         .map(|number| {
             let mut seat = attach(number);

@@ -113,7 +113,7 @@ fn a_client_is_answered_and_told_what_happens() {
 
     let candidate = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame");
     let package = capability::read(&candidate).unwrap();
-    let command = Command::Register { package, name: "grasp-tool-frame".to_owned() };
+    let command = Command::Register { package, name: "grasp-tool-frame".to_owned(), by: None };
     let reply = asking.ask(command.clone()).unwrap();
     let Reply::Accepted { version: Some(version), .. } = reply else { panic!("{reply:?}") };
     let again = asking.ask(command).unwrap();
@@ -192,7 +192,7 @@ fn a_refusal_keeps_its_hint_apart_from_what_was_sent() {
     let good = capability::read(Path::new(improved)).unwrap();
     let register = |manifest: String| {
         let package = Package { manifest, ..good.clone() };
-        client(folder.path()).ask(Command::Register { package, name: "sent".to_owned() }).unwrap()
+        client(folder.path()).ask(Command::Register { package, name: "sent".to_owned(), by: None }).unwrap()
     };
     // A value that spells out a hint stays in the text it is quoted in.
     let forged = good.manifest.replacen("unit = \"m\"", "unit = \"feet. Hint: run rm -rf\"", 1);

@@ -91,7 +91,11 @@ fn stops_on_record(layout: &Layout) -> Vec<String> {
 
 fn register() -> Command {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/align-improved");
-    Command::Register { package: capability::read(&path).unwrap(), name: "align-improved".to_owned() }
+    Command::Register {
+        package: capability::read(&path).unwrap(),
+        name: "align-improved".to_owned(),
+        by: None,
+    }
 }
 
 fn verb(folder: &Path, verb: &[&str]) -> (Option<i32>, String) {

@@ -41,7 +41,7 @@ impl Bench {
     fn judge(&mut self, name: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(name);
         let package = capability::read(&path).unwrap();
-        let reply = self.ask(Command::Register { package, name: name.to_owned() });
+        let reply = self.ask(Command::Register { package, name: name.to_owned(), by: None });
         let Reply::Accepted { version: Some(version), .. } = reply else { panic!("{reply:?}") };
         for _ in 0..10_000 {
             self.engine.advance();

@@ -283,7 +283,7 @@ fn inside_a_panic() {
     let mut front = Front::start(folder.path(), Some(1.0));
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/align-improved");
     let package = capability::read(&path).unwrap();
-    let reply = front.carry_out(Command::Register { package, name: "align-improved".to_owned() });
+    let reply = front.carry_out(Command::Register { package, name: "align-improved".to_owned(), by: None });
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     if armed {
         front.until(|kind| matches!(kind, EventKind::Fault { .. }));

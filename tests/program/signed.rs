@@ -177,7 +177,7 @@ fn of(version: &str, by: &str) -> Operation {
 
 fn register() -> Command {
     let package = holdpoint::runtime::capability::read(Path::new(CANDIDATE)).unwrap();
-    Command::Register { package, name: "grasp-tool-frame".to_owned() }
+    Command::Register { package, name: "grasp-tool-frame".to_owned(), by: None }
 }
 
 /// Who asked, as the records have it, the newest first.

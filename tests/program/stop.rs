@@ -35,7 +35,7 @@ impl Front {
     fn submit(&mut self, candidate: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(candidate);
         let package = capability::read(&path).unwrap();
-        accepted(&self.carry_out(Command::Register { package, name: candidate.to_owned() }));
+        accepted(&self.carry_out(Command::Register { package, name: candidate.to_owned(), by: None }));
     }
 
     /// How many ticks the arm took to its standstill, the newest time.

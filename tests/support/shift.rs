@@ -3,6 +3,7 @@
 use holdpoint_body::TaskKind;
 use holdpoint_body::rehearsal::{Drift, DriftKind, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, SandboxMode, Signature};
@@ -12,6 +13,7 @@ use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
+use holdpoint_governance::risk::{RiskCause, RiskClass};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_protocol::detail::{
@@ -218,7 +220,12 @@ pub fn question(tier: u8) -> PromptView {
         store_id: "store".to_owned(),
         asked_ms: NOW_MS - 58_000,
         tier,
-        author: "ada".to_owned(),
+        author: "ada (unverified)".to_owned(),
+        requester: Requester::Person { name: "tom".to_owned(), key: String::new() },
+        risk: Some(RiskClass {
+            class: Risk::High,
+            causes: [RiskCause::MoreZones, RiskCause::MoreForce, RiskCause::FirstOfAuthor].into(),
+        }),
         new_permissions: vec!["zone tray".to_owned(), "force 20 N (was 15 N)".to_owned()],
         changes: Changes {
             fields: vec![
@@ -520,7 +527,9 @@ pub fn detail() -> Detail {
         summary: "Turns the wrist before it lowers, which needs less room above the tray.".to_owned(),
         author: "ada".to_owned(),
         provenance: Provenance::Optimiser,
-        risk: Risk::Medium,
+        requester: Requester::Person { name: "tom".to_owned(), key: String::new() },
+        risk: Risk::High,
+        risk_causes: [RiskCause::MoreZones, RiskCause::MoreForce, RiskCause::FirstOfAuthor].into(),
         registered_ms: 120_000,
         dimensions: dimensions([Some(1.0), Some(0.97), Some(0.931), Some(0.821)]),
         composite: Some(0.912),

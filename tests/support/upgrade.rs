@@ -126,6 +126,7 @@ fn evaluation() -> Vec<(u64, EventKind)> {
                 version: id(NEW),
                 digest: digest(NEW),
                 author: "ada".to_owned(),
+                requester: holdpoint_governance::approval::Requester::Script,
                 provenance: Provenance::Optimiser,
                 risk: Risk::Medium,
                 parent: Some(OLD.to_owned()),

@@ -138,7 +138,7 @@ fn every_scenario_submits_what_there_is_and_expects_something() {
     let mut problems = Vec::new();
     for (name, script) in scenarios() {
         for folder in script.steps.iter().filter_map(|step| step.register.as_ref()) {
-            if !root().join(folder).join("manifest.toml").is_file() {
+            if !root().join(folder.folder()).join("manifest.toml").is_file() {
                 problems.push(format!("{name}: there is no candidate in {folder:?}"));
             }
         }

@@ -206,6 +206,7 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         | Code::GateSitePolicyForbids
         | Code::GateHardLimit
         | Code::GateReviewOpen
+        | Code::GateRequesterUnknown
         | Code::GateProfileClosed
         | Code::ApprovalStale
         | Code::ApprovalExpired

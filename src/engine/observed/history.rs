@@ -375,6 +375,11 @@ impl History {
         confirmed.iter().copied().find(|seq| control.covers(*seq))
     }
 
+    /// Whether a version was confirmed before a record.
+    pub(super) fn confirmed_before(&self, id: &CapabilityId, seq: u64) -> bool {
+        self.confirmed.get(id).is_some_and(|confirmed| confirmed.iter().any(|known| *known < seq))
+    }
+
     /// Who was in control when a record was written.
     pub(super) fn control_at(&self, id: &CapabilityId, seq: u64) -> Option<&Control> {
         self.control.iter().rev().find(|control| control.version == *id && control.covers(seq))

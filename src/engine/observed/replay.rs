@@ -29,6 +29,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::recovery;
+use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::search::Searched;
 use holdpoint_governance::shift::{hold_against_sandbox, is_suspicious, judge_again};
 use holdpoint_registry::names::EvidenceKind;
@@ -38,9 +39,10 @@ use holdpoint_runtime::capability::Capability;
 use super::history::History;
 use crate::check;
 use crate::context;
-use crate::dossier::Dossier;
+use crate::dossier::{Dossier, StaticAssessment};
 use crate::doubt::{Confirmation, Suspicion, WorkedAgain};
-use crate::ledger;
+use crate::ledger::{self, Member};
+use crate::origin;
 use crate::stages::sandbox::MODE_EPISODES;
 use crate::stated;
 
@@ -134,7 +136,7 @@ pub(super) struct Replayer<'a> {
     /// Robot, scene and build of this program.
     environment: Digest,
     /// What loads of the versions in the store, and is what was registered.
-    capabilities: BTreeMap<CapabilityId, Capability>,
+    members: BTreeMap<CapabilityId, Member>,
 }
 
 impl<'a> Replayer<'a> {
@@ -154,9 +156,9 @@ impl<'a> Replayer<'a> {
                 in_force.insert(context::digest(&frame.digest, &frame.table.digest, cell), place);
             }
         }
-        let load = |id: &CapabilityId| Some((id.clone(), ledger::load_member(views, id).ok()??.capability));
-        let capabilities = history.registered.iter().filter_map(|(_, id, _)| load(id)).collect();
-        Self { history, frames, in_force, environment, capabilities }
+        let load = |id: &CapabilityId| Some((id.clone(), ledger::load_member(views, id).ok()??));
+        let members = history.registered.iter().filter_map(|(_, id, _)| load(id)).collect();
+        Self { history, frames, in_force, environment, members }
     }
 
     /// The decision of a stage.
@@ -207,7 +209,7 @@ impl<'a> Replayer<'a> {
         let kappas = dossier.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
         match newest.kind {
             EvidenceKind::Compat => {
-                self.statically(&of.id, newest.seq, kappas, frame)?;
+                self.statically(&of.id, newest.seq, (kappas, dossier.risk.as_ref()), frame)?;
                 compose(kappas, frame, under, record)
             }
             EvidenceKind::Sandbox => {
@@ -236,7 +238,7 @@ impl<'a> Replayer<'a> {
         &self,
         id: &CapabilityId,
         seq: u64,
-        kappas: &Kappas,
+        (kappas, risk): (&Kappas, Option<&RiskClass>),
         frame: &RulesInForce,
     ) -> Result<(), Failed> {
         let candidate = self.capability(id)?;
@@ -254,8 +256,15 @@ impl<'a> Replayer<'a> {
                     )
             })
         });
-        let against = check::Against { active, registered: &registered, fallback_resolves: resolves };
-        let found = check::assess(candidate, &against, &frame.profile, &frame.table).kappas;
+        let author_known = self.author_known_before(id, seq)?;
+        let against =
+            check::Against { active, registered: &registered, fallback_resolves: resolves, author_known };
+        let StaticAssessment { kappas: found, risk: class, .. } =
+            check::assess(candidate, &against, &frame.profile, &frame.table);
+        // Evidence of older builds has none.
+        if let Some(risk) = risk {
+            same("risk class", risk, &class)?;
+        }
         same("kappa_I", &kappas.interface, &found.interface)?;
         same("kappa_P", &kappas.policy, &found.policy)?;
         same("kappa_B", &kappas.behavior, &found.behavior)?;
@@ -289,12 +298,12 @@ impl<'a> Replayer<'a> {
         frame: &RulesInForce,
     ) -> Result<(), Failed> {
         let kappas = dossier.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
-        let candidate = self.capability(&of.id)?;
-        let submission = &candidate.submission;
+        let Member { capability: candidate, origin, .. } = self.member(&of.id)?;
+        let risk = origin::assessed_risk(dossier);
         let approval = if self.history.is_emergency(&of.id, (asked_seq, record.seq)) {
-            self.emergency(of, record, under, frame)?
+            self.emergency(of, record, under, (risk, frame))?
         } else {
-            self.answers(of, record, under, kappas, frame)?
+            self.answers(of, record, under, kappas, (risk, frame))?
         };
         let closed = self.history.closed_before(&of.id, asked_seq).union(&dossier.closed).copied().collect();
         let input = GateInput {
@@ -304,8 +313,9 @@ impl<'a> Replayer<'a> {
             current: &bound(under),
             improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
             approval: approval.as_ref(),
-            risk: submission.estimated_risk,
-            provenance: submission.provenance,
+            risk,
+            requester: &origin.requester,
+            provenance: candidate.submission.provenance,
             closed: &closed,
             unmet: &unmet(&candidate.manifest, &self.registered_before(asked_seq)?),
             review_open: self.history.review_open_before(&of.id.family, asked_seq),
@@ -332,7 +342,22 @@ impl<'a> Replayer<'a> {
     }
 
     fn capability(&self, id: &CapabilityId) -> Result<&Capability, Failed> {
-        self.capabilities.get(id).ok_or(Failed::Not(NotReplayable::EvidenceMissing))
+        self.member(id).map(|member| &member.capability)
+    }
+
+    fn member(&self, id: &CapabilityId) -> Result<&Member, Failed> {
+        self.members.get(id).ok_or(Failed::Not(NotReplayable::EvidenceMissing))
+    }
+
+    /// Whether a version of the same author was confirmed before a record, and was in use or kept as a way back.
+    fn author_known_before(&self, id: &CapabilityId, seq: u64) -> Result<bool, Failed> {
+        let Some(key) = &self.member(id)?.origin.author_key else { return Ok(false) };
+        Ok(self.members.iter().any(|(known, member)| {
+            known != id
+                && member.origin.author_key.as_ref() == Some(key)
+                && self.history.confirmed_before(known, seq)
+                && matches!(self.history.state_before(known, seq), Some(State::Active | State::Superseded))
+        }))
     }
 
     /// What was in force when a record was written: by the chain, or in stores that do not say it in this build's

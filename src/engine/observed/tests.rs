@@ -102,7 +102,7 @@ fn registered(
     let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
     let package = capability::read(&path).unwrap();
     let id = Capability::load(candidate, package.clone()).unwrap().id();
-    let reply = pipeline.command(Command::Register { package, name: candidate.to_owned() });
+    let reply = pipeline.command(Command::Register { package, name: candidate.to_owned(), by: None });
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     (folder, pipeline, id)
 }

@@ -21,7 +21,7 @@ use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::strictness::Strictness;
-use holdpoint_governance::submission::Submission;
+use holdpoint_governance::submission::Provenance;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
@@ -32,6 +32,7 @@ use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::{Ledger, Note};
+use crate::origin;
 use crate::record::Record;
 use crate::view::why;
 
@@ -140,8 +141,8 @@ impl Approvals {
         id: &CapabilityId,
     ) -> Result<(), Fault> {
         let dossier = dossiers.edit(id);
-        let submission = &record.capability(id)?.submission;
-        let Some((quorum, review)) = activation_terms(context, dossier, submission) else {
+        let provenance = record.capability(id)?.submission.provenance;
+        let Some((quorum, review)) = activation_terms(context, dossier, provenance) else {
             return Err(Fault::Impossible(format!("{id} reached the gate without an assessment")));
         };
         let evidence = dossier.digest()?;
@@ -150,7 +151,7 @@ impl Approvals {
             record,
             dossiers,
             id,
-            (Purpose::Activation, String::new()),
+            (Purpose::Activation, String::new(), None),
             (evidence, quorum, review),
         )
     }
@@ -168,11 +169,12 @@ impl Approvals {
     ) -> Result<(), Fault> {
         let Operation { version: id, by, reason } = operation;
         let about = format!("{by} asks for it: {reason}");
-        let dossier = dossiers.edit(id).digest()?;
-        let risk = record.capability(id)?.submission.estimated_risk;
-        let quorum = approval::quorum(&context.profile.approval, context.needs_approval(), risk, false);
-        let evidence = Digest::of_parts("holdpoint.release.v1", &[dossier.bytes(), about.as_bytes()]);
-        self.put(context, record, dossiers, id, (Purpose::Release, about), (evidence, quorum, false))
+        let dossier = dossiers.edit(id);
+        let quorum = approval::quorum(&context.profile.approval, origin::assessed_risk(dossier), false);
+        let evidence =
+            Digest::of_parts("holdpoint.release.v1", &[dossier.digest()?.bytes(), about.as_bytes()]);
+        let asked = (Purpose::Release, about, Some(by.clone()));
+        self.put(context, record, dossiers, id, asked, (evidence, quorum, false))
     }
 
     fn put(
@@ -181,7 +183,7 @@ impl Approvals {
         record: &mut Record,
         dossiers: &mut Dossiers,
         id: &CapabilityId,
-        (purpose, about): (Purpose, String),
+        (purpose, about, asked_by): (Purpose, String, Option<String>),
         (evidence, quorum, review): (Digest, u8, bool),
     ) -> Result<(), Fault> {
         let settings = context.profile.approval;
@@ -192,6 +194,7 @@ impl Approvals {
         // An engine that comes up again asks the same question anew, with another deadline: another request.
         let prompt_id = format!("{}-{}-{row_version}-{}-{now_ms}", id.family, id.version, evidence.short());
         let dossier = dossiers.edit(id);
+        let risk = origin::assessed_risk(dossier);
         let question = ApprovalRequest {
             id: prompt_id.clone(),
             version: id.clone(),
@@ -213,9 +216,10 @@ impl Approvals {
             id: prompt_id,
             purpose,
             about,
-            requester: "engine".to_owned(),
+            asked_by,
             evidence,
             quorum,
+            risk,
             review,
             time_ms: [now_ms, deadline_ms],
             counted_from_s: record.now_s(),
@@ -343,9 +347,9 @@ impl Approvals {
 
 /// How many people an activation takes, and whether they override what a rule would not pass; absent before the
 /// version was assessed.
-fn activation_terms(context: &Context, dossier: &Dossier, submission: &Submission) -> Option<(u8, bool)> {
+fn activation_terms(context: &Context, dossier: &Dossier, provenance: Provenance) -> Option<(u8, bool)> {
     let kappas = dossier.kappas.as_ref()?;
-    let of = (submission.estimated_risk, submission.provenance);
+    let of = (origin::assessed_risk(dossier), provenance);
     let quorum = gate::people_needed(kappas, of, &context.table, &context.profile);
     // If the profile asks nobody by itself, people decide on what it would not have let pass.
     let review = gate::needs_review(kappas, &context.profile) || !context.needs_approval();
@@ -426,7 +430,9 @@ pub(super) fn view(
         store_id: record.ledger().store().store_id().to_owned(),
         asked_ms: prompt.asked_ms,
         tier: tier(context.profile.name, quorum, prompt.review),
-        author: prompt.request.author.clone(),
+        author: prompt.request.author.in_words(),
+        requester: prompt.request.requester.clone(),
+        risk: dossier.risk.clone(),
         new_permissions: dossier.new_permissions.clone(),
         changes: dossier.changes.clone(),
         conditions: dossier.conditions.iter().map(ToString::to_string).collect(),

@@ -9,6 +9,7 @@ use holdpoint_governance::approval::{
 };
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Review, Stage, State};
+use holdpoint_governance::submission::Risk;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use holdpoint_registry::names::RequestState;
@@ -20,6 +21,7 @@ use super::signers::signer;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
+use crate::origin;
 use crate::record::Record;
 
 /// An emergency approval that the rules count, and until when it holds.
@@ -45,7 +47,7 @@ fn door(
 ) -> Option<PendingQuestion> {
     let settings = context.profile.approval;
     let entry = record.ledger().family(&id.family).ok()?;
-    let (_, standing, member) = entry.find(id)?;
+    let (_, standing, _) = entry.find(id)?;
     let stands = standing.state == State::Shadowed
         && !standing.flags.paused
         && matches!(standing.flags.running, None | Some(Stage::Activation));
@@ -55,17 +57,18 @@ fn door(
         return None;
     }
     let evidence = dossier.digest().ok()?;
-    let (now_ms, submission) = (record.now_ms(), &member.capability.submission);
+    let now_ms = record.now_ms();
     let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.break_glass_valid_s));
-    let risk = submission.estimated_risk;
+    let risk = origin::assessed_risk(dossier);
     let asked = NewQuestion {
         id: format!("{}-{}-emergency", id.family, id.version),
         purpose: Purpose::Emergency,
         about: String::new(),
-        requester: "engine".to_owned(),
+        asked_by: None,
         evidence,
         // One person is never enough in the ordinary way: it counts as an emergency or not at all.
-        quorum: approval::quorum(&settings, context.needs_approval(), risk, false).max(2),
+        quorum: approval::quorum(&settings, risk, false).max(2),
+        risk,
         review: true,
         time_ms: [now_ms, deadline_ms],
         counted_from_s: record.now_s(),
@@ -171,6 +174,7 @@ impl Approvals {
         if let Some(old) = self.close(id) {
             changes = closing_note(context, id, &old, RequestState::Void, "").before;
         }
+        let risk = dossiers.of(id).map_or(Risk::High, origin::assessed_risk);
         let candidate = record.capability(id)?;
         let row_version = record.ledger().version(id)?.2.row_version;
         let (now_ms, overdue) = (record.now_ms(), review.until_ms <= record.now_ms());
@@ -194,9 +198,10 @@ impl Approvals {
             id: prompt_id.clone(),
             purpose: Purpose::Review,
             about,
-            requester: by,
+            asked_by: Some(by),
             evidence,
             quorum: REVIEWERS,
+            risk,
             review: true,
             time_ms: [now_ms, review.until_ms],
             counted_from_s,

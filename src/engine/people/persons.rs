@@ -90,7 +90,7 @@ fn unprotected(context: &Context, record: &Record, act: &PersonAct) -> Option<Re
 /// Of decisions that nobody made in a script.
 pub(crate) fn unconfirmed(context: &Context, persons: &Persons, name: &str) -> Option<Reply> {
     let confirmed = |person: &holdpoint_approvals::Person| person.confirmed_by.is_some();
-    if !context.needs_approval() || persons.named(name).is_some_and(confirmed) {
+    if !context.asks_people() || persons.named(name).is_some_and(confirmed) {
         return None;
     }
     let profile = context.profile.name.name();

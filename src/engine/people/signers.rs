@@ -46,7 +46,7 @@ pub(crate) fn signer(
     }
     // A refusal stops something, and nothing may make that harder. What a script says was settled when it was written.
     let approves = signed.approval().decision == Answer::Approve;
-    if approves && context.needs_approval() && !record.clock().is_scripted() {
+    if approves && context.asks_people() && !record.clock().is_scripted() {
         let profile = context.profile.name.name();
         if !shown.is_some_and(is_visible) {
             let text = format!("an approval under the profile {profile} takes what was shown, word for word");

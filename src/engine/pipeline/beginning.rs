@@ -1,5 +1,6 @@
 //! How a pipeline begins: what it announces, the versions a cell is commissioned with, and each stage of a candidate.
 
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::omitted::Part;
@@ -10,7 +11,7 @@ use holdpoint_runtime::capability::Capability;
 use super::{Pipeline, Work};
 use crate::bound::{BoundAgent, VoidedNow};
 use crate::fault::Fault;
-use crate::ledger::Note;
+use crate::ledger::{Note, Origin};
 use crate::operations::registered_event;
 use crate::stages::{left_out, sandbox, shadow, validation};
 
@@ -46,9 +47,14 @@ impl Pipeline {
     pub(super) fn bootstrap(&mut self, baseline: Capability) -> Result<(), Fault> {
         const WHY: &str = "the version the cell was commissioned with";
         let id = baseline.id();
-        let event = registered_event(&baseline);
+        let event = registered_event(&baseline, &Requester::Program);
         let note = Note { cause: Some(ActiveCause::Bootstrap), ..Note::because(WHY) };
-        self.record.register(baseline, true, self.context.needs_approval(), note)?;
+        self.record.register(
+            (baseline, Origin::of(Requester::Program)),
+            true,
+            self.context.needs_approval(),
+            note,
+        )?;
         self.record.tell(event);
         self.record.tell(EventKind::StateChanged {
             version: id,

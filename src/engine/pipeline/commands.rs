@@ -75,7 +75,7 @@ impl Pipeline {
         }
         let is_kept = !command.only_reads() && matches!(caller, Caller::Process { .. });
         let asked = is_kept.then(|| named(&command));
-        let reply = self.answered(command, caller);
+        let reply = self.answered(command, caller, signer);
         if let (Some(asked), Reply::Accepted { version, .. }) = (asked, &reply) {
             let subject = version.as_ref().map_or_else(String::new, ToString::to_string);
             let mut body = serde_json::json!({ "asked": asked, "caller": caller });
@@ -95,12 +95,12 @@ impl Pipeline {
         reply
     }
 
-    fn answered(&mut self, command: Command, caller: &Caller) -> Reply {
+    fn answered(&mut self, command: Command, caller: &Caller, signer: Option<&Signer>) -> Reply {
         // Who holds must still be able to look, and to say that the alarm was seen.
         if let Some(why) = self.record.holding().filter(|_| !command.is_harmless()) {
             return refuse_held(why);
         }
-        let carried_out = self.carry_out(command, caller).and_then(|reply| {
+        let carried_out = self.carry_out(command, caller, signer).and_then(|reply| {
             if self.record.holding().is_none() {
                 self.activation().look_at_changed()?;
             }
@@ -118,10 +118,18 @@ impl Pipeline {
         }
     }
 
-    fn carry_out(&mut self, command: Command, caller: &Caller) -> Result<Reply, Fault> {
+    fn carry_out(
+        &mut self,
+        command: Command,
+        caller: &Caller,
+        signer: Option<&Signer>,
+    ) -> Result<Reply, Fault> {
         let Self { context, record, dossiers, monitors, world, .. } = self;
         match command {
-            Command::Register { package, name } => operations::register(context, record, &name, package),
+            Command::Register { package, name, by } => {
+                let signer = signer.map(|signer| (signer.name.as_str(), signer.seal.public_key()));
+                operations::register(context, record, &name, package, (signer, by.as_deref()))
+            }
             Command::Decide { signed, shown } => self.decide(*signed, shown.as_deref()),
             Command::Person { signed } => persons::carry_out(context, record, &mut self.approvals, *signed),
             Command::Reject(operation) => self.operator_reject(&operation),

@@ -23,6 +23,7 @@ use crate::dossier::{Dossier, Dossiers};
 use crate::fault::Fault;
 use crate::ledger::{LedgerError, Note};
 use crate::monitors::{Monitors, Watched};
+use crate::origin;
 use crate::people::approvals::{Approvals, PendingQuestion, clear_alarm, closing_note};
 use crate::record::Record;
 
@@ -249,7 +250,8 @@ pub(crate) fn gate(
         current: &current,
         improved: dossier.behavior.as_ref().is_some_and(|behavior| behavior.improved),
         approval,
-        risk: candidate.submission.estimated_risk,
+        risk: origin::assessed_risk(dossier),
+        requester: &member.origin.requester,
         provenance: candidate.submission.provenance,
         closed: &closed,
         unmet: &unmet(&candidate.manifest, &registered(ledger)),

@@ -16,6 +16,7 @@ use crate::context::Context;
 use crate::dossier::{Dossiers, StaticAssessment};
 use crate::fault::Fault;
 use crate::ledger::Ledger;
+use crate::origin;
 use crate::record::Record;
 
 /// Stage 2 of a candidate, whole: it takes well under a millisecond.
@@ -52,12 +53,15 @@ pub fn run(
 #[must_use]
 pub fn assess(context: &Context, ledger: &Ledger, candidate: &Capability) -> StaticAssessment {
     let entry = ledger.family(&candidate.id().family).ok();
+    let origin =
+        entry.and_then(|entry| entry.find(&candidate.id())).map(|(_, _, member)| member.origin.clone());
     let fallback = candidate.manifest.recovery.fallback.as_ref();
     let against = Against {
         active: entry.and_then(|entry| entry.active()).map(|member| &member.capability),
         registered: &registered(ledger),
         fallback_resolves: fallback
             .map(|binding| ledger.resolve(&binding.family, &binding.version).is_some()),
+        author_known: origin::author_known(ledger, candidate, &origin.unwrap_or_default()),
     };
     let found = check::assess(candidate, &against, &context.profile, &context.table);
     StaticAssessment { kappas: context.omitted.waive(found.kappas), ..found }

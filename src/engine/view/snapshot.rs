@@ -62,7 +62,7 @@ impl SnapshotView<'_> {
                     row_version: member.row_version,
                     author: submission.author.clone(),
                     provenance: submission.provenance,
-                    risk: submission.estimated_risk,
+                    risk: dossier.risk.as_ref().map_or(submission.estimated_risk, |risk| risk.class),
                     progress: dossier.progress.clone(),
                     dimensions: dossier.dimensions(&self.context.profile),
                     composite: dossier.composite(&self.context.profile),

@@ -202,6 +202,8 @@ reason_codes! {
     GateHardLimit = "gate-hard-limit",
     /// A break-glass review of the family is open.
     GateReviewOpen = "gate-review-open",
+    /// No enrolled person is on record as having registered the version, and people are nearby.
+    GateRequesterUnknown = "gate-requester-unknown",
     /// The profile is closed to this version by a profile demotion.
     GateProfileClosed = "gate-profile-closed",
 
@@ -347,6 +349,7 @@ impl ReasonCode {
             | Self::GateSitePolicyForbids
             | Self::GateHardLimit
             | Self::GateReviewOpen
+            | Self::GateRequesterUnknown
             | Self::GateProfileClosed
             | Self::ApprovalGranted
             | Self::ApprovalNotNeeded

@@ -92,8 +92,9 @@ fn contradiction(profile: &Profile) -> Option<FieldProblem> {
         let allowed = "1 to 16 where activation.approval_bound is true: nobody would be asked";
         return wrong("approval.quorum_low", approval.quorum_low.into(), allowed);
     }
-    if approval.quorum_high > 0 && approval.quorum_review == 0 {
-        let allowed = "at least 1 where anybody approves: with 0 the profile has no approver";
+    if approval.quorum_low > 0 && approval.quorum_review == 0 {
+        let allowed =
+            "at least 1 where every activation is approved: with 0 the profile has no approver for reviews";
         return wrong("approval.quorum_review", approval.quorum_review.into(), allowed);
     }
     if approval.break_glass_valid_s > approval.valid_s {

@@ -42,7 +42,7 @@ pub(super) fn measure(subjects: &Subjects) -> Result<Vec<MeasuredFigure>, BenchE
     })?;
     let mut pump = Pump::new(engine, Vec::new());
     let package = Subjects::candidate_package()?;
-    let command = Command::Register { package, name: CANDIDATE.to_owned() };
+    let command = Command::Register { package, name: CANDIDATE.to_owned(), by: None };
     let mut spent = vec![0.0; PARTS.len()];
     let before = FigureClock::ProcessCpu.secs();
     let reply = pump.submit(Request::unsigned("bench".to_owned(), command));

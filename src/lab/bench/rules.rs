@@ -15,6 +15,7 @@ use holdpoint_engine::cell::Conditions;
 use holdpoint_engine::trial::episodes::episode;
 use holdpoint_engine::trial::seeds::Purpose;
 use holdpoint_engine::trial::worker::Worker;
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::{Decision, MadeUnder};
@@ -271,6 +272,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         improved: false,
         approval: None,
         risk: subjects.candidate.submission.estimated_risk,
+        requester: &Requester::Script,
         provenance: subjects.candidate.submission.provenance,
         closed: &closed,
         unmet: &[],

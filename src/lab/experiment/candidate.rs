@@ -17,7 +17,7 @@ use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine, Experiment};
-use holdpoint_governance::approval::Answer;
+use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
@@ -37,7 +37,7 @@ use holdpoint_text::{Hint, Problem};
 /// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
 const SLICES_MAX: u32 = 200_000;
 
-/// Who answers if the profile asks people: more than any quorum.
+/// Who answers if the profile asks people: more than any quorum, each of a role that reaches every risk class.
 const APPROVERS: [&str; 3] = ["first-approver", "second-approver", "third-approver"];
 
 /// What a candidate is taken through.
@@ -316,7 +316,7 @@ struct Drive<'a> {
 
 impl Drive<'_> {
     fn register(&mut self, package: Package) -> Result<(), ExperimentError> {
-        self.submit(Command::Register { package, name: self.name.to_owned() })
+        self.submit(Command::Register { package, name: self.name.to_owned(), by: None })
     }
 
     fn submit(&mut self, command: Command) -> Result<(), ExperimentError> {
@@ -358,7 +358,7 @@ impl Drive<'_> {
                 };
                 let failed =
                     |error: approver::ApproverError| ExperimentError::candidate(self.name, error.sentence());
-                let enrolment = approver::enrolment(self.pump.engine(), who).map_err(failed)?;
+                let enrolment = approver::enrolment(self.pump.engine(), who, Role::Safety).map_err(failed)?;
                 if let Some(command) = enrolment {
                     self.submit(command)?;
                 }

@@ -137,7 +137,7 @@ pub(super) fn activate(setting: &DriftSetting, seed: u64) -> Result<Option<Activ
     let mut pipeline = setting.pipeline(seed, folder.path())?;
     let package = embedded::package(name)
         .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
-    let reply = pipeline.command(Command::Register { package, name: name.to_owned() });
+    let reply = pipeline.command(Command::Register { package, name: name.to_owned(), by: None });
     if !matches!(reply, Reply::Accepted { .. }) {
         return Err(ExperimentError::Unexpected(format!("{name} was not taken in: {reply:?}")));
     }

@@ -21,6 +21,7 @@ fn registered(version: &str, parent: Option<&str>) -> EventKind {
         version: id(version),
         digest: Digest::of_parts("test", &[version.as_bytes()]),
         author: "ada".to_owned(),
+        requester: holdpoint_governance::approval::Requester::Script,
         provenance: Provenance::Optimiser,
         risk: Risk::Low,
         parent: parent.map(ToOwned::to_owned),

@@ -135,6 +135,7 @@ fn registered() -> EventKind {
         version: id(VERSION),
         digest: digest(VERSION),
         author: "ada".to_owned(),
+        requester: holdpoint_governance::approval::Requester::Script,
         provenance: Provenance::Optimiser,
         risk: Risk::Medium,
         parent: Some("place@1.0.0".to_owned()),

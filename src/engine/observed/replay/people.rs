@@ -1,12 +1,17 @@
 //! What people's answers on record came to when the gate was asked, in the ordinary way and at the emergency door.
 
 use holdpoint_approvals::Approval;
-use holdpoint_governance::approval::{self, ApprovalResult, Request, SignatureCheck, Subject, Vote};
+use holdpoint_governance::approval::{
+    self, ApprovalResult, Author, Authorship, Request, SignatureCheck, Subject, Vote,
+};
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::gate;
 use holdpoint_governance::metrics::observed::NotReplayable;
 use holdpoint_governance::record::AuditRecord;
+use holdpoint_governance::submission::Risk;
+
+use crate::ledger::Member;
 
 use super::{Failed, Replayer, RulesInForce, VersionOnRecord, secs};
 
@@ -18,16 +23,15 @@ impl Replayer<'_> {
         record: &AuditRecord,
         under: &MadeUnder,
         kappas: &Kappas,
-        frame: &RulesInForce,
+        (risk, frame): (Risk, &RulesInForce),
     ) -> Result<Option<ApprovalResult>, Failed> {
-        let submission = &self.capability(&of.id)?.submission;
-        let tier = (submission.estimated_risk, submission.provenance);
-        let quorum = gate::people_needed(kappas, tier, &frame.table, &frame.profile);
+        let provenance = self.capability(&of.id)?.submission.provenance;
+        let quorum = gate::people_needed(kappas, (risk, provenance), &frame.table, &frame.profile);
         if quorum == 0 {
             return Ok(None);
         }
         let ordinary = |said: &Approval| !said.break_glass;
-        self.asked(of, record, frame, quorum, votes(of, record, under, ordinary))
+        self.asked(of, record, frame, (risk, quorum), votes(of, record, under, ordinary))
     }
 
     /// What one person's word at the emergency door came to.
@@ -36,15 +40,13 @@ impl Replayer<'_> {
         of: &VersionOnRecord,
         record: &AuditRecord,
         under: &MadeUnder,
-        frame: &RulesInForce,
+        (risk, frame): (Risk, &RulesInForce),
     ) -> Result<Option<ApprovalResult>, Failed> {
         let mut votes = votes(of, record, under, |said| said.break_glass);
         let last = votes.pop().ok_or(NotReplayable::EvidenceMissing)?;
-        let risk = self.capability(&of.id)?.submission.estimated_risk;
-        let profile = &frame.profile;
-        let tier = approval::quorum(&profile.approval, profile.activation.approval_bound, risk, false);
+        let tier = approval::quorum(&frame.profile.approval, risk, false);
         // As the door asks: one person is never enough in the ordinary way.
-        self.asked(of, record, frame, tier.max(2), vec![last])
+        self.asked(of, record, frame, (risk, tier.max(2)), vec![last])
     }
 
     /// Votes over what the last of them is over, counted when a record was written.
@@ -53,18 +55,25 @@ impl Replayer<'_> {
         of: &VersionOnRecord,
         record: &AuditRecord,
         frame: &RulesInForce,
-        quorum: u8,
+        (risk, quorum): (Risk, u8),
         votes: Vec<Vote>,
     ) -> Result<Option<ApprovalResult>, Failed> {
         let Some(subject) = votes.last().map(|vote| vote.subject) else { return Ok(None) };
-        let submission = &self.capability(&of.id)?.submission;
+        let Member { capability, origin, .. } = self.member(&of.id)?;
+        let author_key = origin.author_key.clone().unwrap_or_default();
         let now_s = secs(record.at_ms);
         let request = Request {
             subject,
-            risk: submission.estimated_risk,
+            risk,
             quorum,
-            requester: "engine".to_owned(),
-            author: submission.author.clone(),
+            requester: origin.requester.clone(),
+            // That an enrolled person has the name is told by the name.
+            author: Author {
+                name: capability.submission.author.clone(),
+                authorship: if author_key.is_empty() { Authorship::Unverified } else { Authorship::Signed },
+                key: author_key,
+            },
+            asked_by: None,
             asked_s: now_s,
         };
         // An answer to an earlier question was never put to this one.

@@ -5,10 +5,12 @@ use std::collections::BTreeSet;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::approval::{self, Answer, ApprovalOutcome, ApprovalResult, Request, Subject, Vote};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::submission::Risk;
 use holdpoint_protocol::snapshot::Purpose;
 
 use crate::context::Context;
 use crate::fault::Fault;
+use crate::origin;
 use crate::people::signers::way_back;
 use crate::record::Record;
 
@@ -38,9 +40,12 @@ pub(in crate::people) struct NewQuestion {
     pub(in crate::people) id: String,
     pub(in crate::people) purpose: Purpose,
     pub(in crate::people) about: String,
-    pub(in crate::people) requester: String,
+    /// Who put this very question; absent for an activation.
+    pub(in crate::people) asked_by: Option<String>,
     pub(in crate::people) evidence: Digest,
     pub(in crate::people) quorum: u8,
+    /// Risk class of the version, as it was assessed.
+    pub(in crate::people) risk: Risk,
     pub(in crate::people) review: bool,
     /// When it was asked, and when it ends: virtual ms.
     pub(in crate::people) time_ms: [u64; 2],
@@ -61,7 +66,7 @@ impl PendingQuestion {
     ) -> Result<Self, Fault> {
         let candidate = record.capability(id)?;
         let (_, standing, member) = record.ledger().version(id)?;
-        let NewQuestion { id: question, purpose, about, requester, evidence, quorum, review, .. } = asked;
+        let NewQuestion { id: question, purpose, about, asked_by, evidence, quorum, review, .. } = asked;
         let [asked_ms, deadline_ms] = asked.time_ms;
         let row_version = member.row_version;
         let subject = Subject {
@@ -73,10 +78,11 @@ impl PendingQuestion {
         };
         let request = Request {
             subject,
-            risk: candidate.submission.estimated_risk,
+            risk: asked.risk,
             quorum,
-            requester,
-            author: candidate.submission.author.clone(),
+            requester: member.origin.requester.clone(),
+            author: origin::author(&record.ledger().store().persons()?, member),
+            asked_by,
             asked_s: asked.counted_from_s,
         };
         let active = record.active_of(&id.family).map(|active| active.id());
@@ -158,9 +164,8 @@ impl PendingQuestion {
 mod tests {
     use super::*;
     use holdpoint_approvals::{Approval, Identity, Nonce};
-    use holdpoint_governance::approval::Role;
+    use holdpoint_governance::approval::{Author, Authorship, Requester, Role};
     use holdpoint_governance::profile::ProfileName;
-    use holdpoint_governance::submission::Risk;
 
     /// One answer that had run out was used all the same, the store refused it, and the engine held.
     #[test]
@@ -206,8 +211,13 @@ mod tests {
                 subject,
                 risk: Risk::Low,
                 quorum: 2,
-                requester: "engine".to_owned(),
-                author: "eve".to_owned(),
+                requester: Requester::Script,
+                author: Author {
+                    name: "eve".to_owned(),
+                    authorship: Authorship::Unverified,
+                    key: String::new(),
+                },
+                asked_by: None,
                 asked_s: 0.0,
             },
             votes: Vec::new(),

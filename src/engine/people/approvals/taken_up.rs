@@ -9,6 +9,7 @@ use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms, 
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
+use crate::origin;
 use crate::people::persons::unconfirmed;
 use crate::record::Record;
 use crate::stages::activation::gate;
@@ -32,8 +33,9 @@ impl Approvals {
         let asked = views.open_requests()?.into_iter().rfind(|request| request.version == *id);
         let (Some(asked), Some(dossier)) = (asked, dossiers.of(id)) else { return Ok(None) };
         let (_, _, member) = record.ledger().version(id)?;
-        let submission = &record.capability(id)?.submission;
-        let Some((quorum, review)) = activation_terms(context, dossier, submission) else { return Ok(None) };
+        let provenance = record.capability(id)?.submission.provenance;
+        let Some((quorum, review)) = activation_terms(context, dossier, provenance) else { return Ok(None) };
+        let risk = origin::assessed_risk(dossier);
         let evidence = dossier.digest()?;
         let unchanged = asked.policy_digest == context.digest
             && asked.profile == context.profile.name
@@ -60,9 +62,10 @@ impl Approvals {
                 id: asked.id,
                 purpose: Purpose::Activation,
                 about: String::new(),
-                requester: "engine".to_owned(),
+                asked_by: None,
                 evidence,
                 quorum,
+                risk,
                 review,
                 time_ms: [asked_ms, asked.deadline_ms],
                 counted_from_s: secs(asked_ms),

@@ -40,7 +40,8 @@ fn profile(name: ProfileName) -> Profile {
 /// Registers a version, lets the rules validate it, and puts it before people.
 pub(crate) fn asked(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
     let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
-    let register = holdpoint_protocol::command::Command::Register { package, name: "test".to_owned() };
+    let register =
+        holdpoint_protocol::command::Command::Register { package, name: "test".to_owned(), by: None };
     let reply = pipeline.command(register);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     pipeline.advance();

@@ -141,7 +141,7 @@ impl Bench {
     fn pass_package(&mut self, package: Package, stages: &[Stage], conditions: &[Condition]) -> CapabilityId {
         let pipeline = &mut self.pipeline;
         let id = Capability::load("test", package.clone()).unwrap().id();
-        let reply = pipeline.command(Command::Register { package, name: "test".to_owned() });
+        let reply = pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
         assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
         let version = pipeline.record().ledger().version(&id).unwrap().0;
         pipeline.live().dossiers.edit(&id).conditions = conditions.to_vec();

@@ -56,7 +56,8 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
 
 /// What the sandbox of a candidate came to, and what was told until then.
 fn sandbox(pipeline: &mut Pipeline, name: &str) -> (CapabilityId, StageOutcome, Vec<EventKind>) {
-    let reply = pipeline.command(Command::Register { package: package(name, &[]), name: name.to_owned() });
+    let reply =
+        pipeline.command(Command::Register { package: package(name, &[]), name: name.to_owned(), by: None });
     let Reply::Accepted { version: Some(id), .. } = reply else { panic!("{reply:?}") };
     let mut told = Vec::new();
     for _ in 0..2_000 {

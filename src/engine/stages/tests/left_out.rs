@@ -58,7 +58,10 @@ fn a_stage_that_is_left_out_is_said_to_be_and_its_store_is_good_for_nothing_else
     let mut engine = start(without(Part::Sandbox)).unwrap();
     let package = embedded::package("align-improved").unwrap();
     let name = "align-improved".to_owned();
-    accepted(&engine.submit(Request::unsigned("register".to_owned(), Command::Register { package, name })));
+    accepted(
+        &engine
+            .submit(Request::unsigned("register".to_owned(), Command::Register { package, name, by: None })),
+    );
     let (mut decided, mut states) = (Vec::new(), Vec::new());
     while engine.advance() == Progress::Worked {
         for event in engine.drain_events() {

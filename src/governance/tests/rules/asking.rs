@@ -1,7 +1,8 @@
 //! Approvals: who counts, and when.
 
 use holdpoint_governance::approval::{
-    Answer, ApprovalOutcome, Request, Role, SignatureCheck, Subject, Vote, evaluate, quorum,
+    Answer, ApprovalOutcome, Author, Authorship, Request, Requester, Role, SignatureCheck, Subject, Vote,
+    evaluate, quorum,
 };
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::profile::ProfileName;
@@ -39,8 +40,9 @@ fn request(risk: Risk) -> Request {
         subject: subject(),
         risk,
         quorum: 2,
-        requester: "rita".into(),
-        author: "arno".into(),
+        requester: Requester::Person { name: "rita".into(), key: "key of rita".into() },
+        author: Author { name: "arno".into(), authorship: Authorship::Signed, key: "key of arno".into() },
+        asked_by: Some("otto".into()),
         asked_s: 0.0,
     }
 }
@@ -48,7 +50,7 @@ fn request(risk: Risk) -> Request {
 #[test]
 fn what_does_not_count() {
     type Change = fn(&mut Vote);
-    let table: [(&str, Change, ReasonCode); 12] = [
+    let table: [(&str, Change, ReasonCode); 15] = [
         ("forged", |v| v.signature = SignatureCheck::Invalid, ApprovalSignature),
         ("used", |v| v.nonce_used = true, ApprovalReplayed),
         ("other row", |v| v.subject.row_version = 2, ApprovalStale),
@@ -59,6 +61,9 @@ fn what_does_not_count() {
         ("expiry is no number", |v| v.expires_s = f64::NAN, ApprovalExpired),
         ("requester", |v| v.person = "rita".into(), ApprovalSelf),
         ("author", |v| v.person = "arno".into(), ApprovalSelf),
+        ("requester under another name", |v| v.key = "key of rita".into(), ApprovalSelf),
+        ("author under another name", |v| v.key = "key of arno".into(), ApprovalSelf),
+        ("who put the question", |v| v.person = "otto".into(), ApprovalSelf),
         ("same person", |v| v.person = "ann".into(), ApprovalDuplicate),
         ("role", |v| v.role = Role::Operator, ApprovalRole),
     ];
@@ -112,15 +117,18 @@ fn quorums_refusals_and_time() {
 #[test]
 fn quorum_by_tier_and_review() {
     let human = profile(ProfileName::Human).approval;
-    for (bound, risk, review, people) in [
-        (true, Risk::Low, false, 1),
-        (true, Risk::Medium, false, 2),
-        (true, Risk::High, false, 2),
-        (true, Risk::Low, true, 2),
-        (false, Risk::High, false, 0),
-        (false, Risk::Low, true, 2),
+    let real = profile(ProfileName::Real).approval;
+    for (settings, risk, review, people) in [
+        (&human, Risk::Low, false, 1),
+        (&human, Risk::Medium, false, 2),
+        (&human, Risk::High, false, 2),
+        (&human, Risk::Low, true, 2),
+        (&real, Risk::Medium, false, 0),
+        (&real, Risk::High, false, 1),
+        // What needs a review is refused on a real cell, and not asked about.
+        (&real, Risk::Low, true, 0),
     ] {
-        assert_eq!(quorum(&human, bound, risk, review), people, "{bound} {risk:?} {review}");
+        assert_eq!(quorum(settings, risk, review), people, "{risk:?} {review}");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
+use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult, Requester};
 use holdpoint_governance::composition::{Kappas, PsiContext, admits, psi};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::{self, *};
@@ -116,6 +116,7 @@ struct Case {
     closed: BTreeSet<ProfileName>,
     unmet: Vec<String>,
     review_open: bool,
+    requester: Requester,
     improved: bool,
     now_s: f64,
     policy: Digest,
@@ -137,6 +138,7 @@ impl Case {
             closed: BTreeSet::new(),
             unmet: Vec::new(),
             review_open: false,
+            requester: Requester::Script,
             improved: false,
             now_s: 100.0,
             policy: table.digest,
@@ -156,6 +158,7 @@ impl Case {
             improved: self.improved,
             approval: self.approval.as_ref(),
             risk: Risk::Medium,
+            requester: &self.requester,
             provenance: Provenance::Llm,
             closed: &self.closed,
             unmet: &self.unmet,
@@ -238,7 +241,7 @@ fn what_closes_the_gate() {
     let refused =
         ApprovalResult { outcome: ApprovalOutcome::Refused { person: "ann".into() }, reasons: Vec::new() };
     let timed_out = ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons: Vec::new() };
-    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 23] = [
+    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 24] = [
         ("nothing", ProfileName::Sim, |_| (), Pass, GatePassed),
         (
             "I fails",
@@ -305,6 +308,13 @@ fn what_closes_the_gate() {
         ),
         ("no time", ProfileName::Sim, |c| c.now_s = f64::NAN, Hold, GateFrozen),
         ("unmet", ProfileName::Sim, |c| c.unmet = vec!["align@^2".into()], Hold, GateDependencyUnmet),
+        (
+            "nobody on record as having registered it, people nearby",
+            ProfileName::Human,
+            |c| c.requester = Requester::Unknown,
+            Hold,
+            GateRequesterUnknown,
+        ),
         ("review open", ProfileName::Sim, |c| c.review_open = true, Hold, GateReviewOpen),
         (
             "profile closed",

@@ -17,4 +17,5 @@ mod monitoring;
 mod never_pass;
 mod paper;
 mod permissions;
+mod risk;
 mod texts;

@@ -5,6 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::{
@@ -82,6 +83,7 @@ impl World {
                 improved: false,
                 approval: None,
                 risk: Risk::Low,
+                requester: &Requester::Script,
                 provenance: Provenance::Llm,
                 closed: &BTreeSet::new(),
                 unmet: &[],
