@@ -13,6 +13,7 @@ mod passphrase;
 mod person;
 mod profile_act;
 mod sealed;
+mod shown;
 mod signed;
 mod witness_act;
 mod word;
@@ -25,5 +26,6 @@ pub use person::{
 };
 pub use profile_act::{ProfileAct, SignedProfileAct};
 pub use sealed::{Cost, SealedError, SealedKey};
+pub use shown::{AskedName, BoundFacts, ShownQuestion, facts_digest, lines_digest};
 pub use signed::{Approval, ApprovalError, Nonce, SignedApproval};
 pub use witness_act::{SignedWitnessAct, WitnessAct};

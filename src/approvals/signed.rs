@@ -8,13 +8,17 @@ use serde::{Deserialize, Serialize};
 use super::agent::AgentError;
 use super::identity::IdentityInfo;
 use super::keyfile::{hex, parse_public, unhex};
+use super::shown::ShownQuestion;
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_text::Hint;
 
-/// Separates these bytes from everything else that is ever signed.
+/// Separates these bytes from everything else that is ever signed. Of a decision over nothing that was shown: those of
+/// earlier versions, and refusals by name.
 const DOMAIN: &str = "holdpoint/approval/v1";
+/// Of a decision over what was shown.
+const DOMAIN_SHOWN: &str = "holdpoint/approval/v2";
 /// The longest reason, bytes.
 pub(super) const REASON_BYTES_MAX: usize = 4096;
 /// What a reason of an act may be.
@@ -116,6 +120,9 @@ pub struct Approval {
     /// Whether it is an emergency (break-glass) approval; signed with the rest, so that neither passes for the other.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub break_glass: bool,
+    /// What the person was shown. Earlier versions did not sign it, and a refusal may be without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shown: Option<ShownQuestion>,
 }
 
 /// What an emergency approval is signed over beyond an ordinary one.
@@ -125,16 +132,17 @@ impl Approval {
     /// The bytes that are signed: every field with its length, behind a domain tag.
     #[must_use]
     pub fn bytes(&self) -> [u8; 32] {
-        *self.digest(&self.store_id).bytes()
+        let store_key = self.shown.as_ref().map_or("", |shown| shown.store_key.as_str());
+        *self.digest(&self.store_id, store_key).bytes()
     }
 
     /// What was decided, whatever the store: equal in equal runs, and so fit for the audit chain.
     #[must_use]
     pub fn claim_digest(&self) -> Digest {
-        self.digest("")
+        self.digest("", "")
     }
 
-    fn digest(&self, store_id: &str) -> Digest {
+    fn digest(&self, store_id: &str, store_key: &str) -> Digest {
         let Self { who, role, decision, reason, version, profile, nonce, .. } = self;
         let version = version.to_string();
         let (row_version, not_after_ms) = (self.row_version.to_le_bytes(), self.not_after_ms.to_le_bytes());
@@ -153,10 +161,22 @@ impl Approval {
             nonce.as_str().as_bytes(),
             &not_after_ms,
         ];
-        if self.break_glass {
-            parts.push(BREAK_GLASS);
-        }
-        Digest::of_parts(DOMAIN, &parts)
+        let Some(shown) = &self.shown else {
+            if self.break_glass {
+                parts.push(BREAK_GLASS);
+            }
+            return Digest::of_parts(DOMAIN, &parts);
+        };
+        let renderer = shown.renderer.to_le_bytes();
+        parts.extend([
+            if self.break_glass { BREAK_GLASS } else { b"" },
+            &renderer,
+            shown.lines.bytes(),
+            shown.facts.bytes(),
+            store_key.as_bytes(),
+            shown.request.as_str().as_bytes(),
+        ]);
+        Digest::of_parts(DOMAIN_SHOWN, &parts)
     }
 }
 
@@ -303,7 +323,18 @@ mod tests {
             nonce: Nonce::from_bytes([7; 16]),
             not_after_ms: 1000,
             break_glass: false,
+            shown: Some(ShownQuestion {
+                renderer: 1,
+                lines: Digest::of_parts("t", &[b"l"]),
+                facts: Digest::of_parts("t", &[b"f"]),
+                store_key: "k".into(),
+                request: Nonce::from_bytes([9; 16]),
+            }),
         }
+    }
+
+    fn edit_shown(approval: &mut Approval, edit: impl FnOnce(&mut ShownQuestion)) {
+        edit(approval.shown.as_mut().unwrap());
     }
 
     #[test]
@@ -314,7 +345,7 @@ mod tests {
         signed.verify(ada.info()).unwrap();
         let other = Digest::of_parts("t", &[b"x"]);
         type Edit = fn(&mut Approval, Digest);
-        let edits: [(&str, Edit); 14] = [
+        let edits: [(&str, Edit); 20] = [
             ("who", |a, _| a.who = "eve".into()),
             ("role", |a, _| a.role = Role::Safety),
             ("decision", |a, _| a.decision = Answer::Reject),
@@ -329,6 +360,12 @@ mod tests {
             ("nonce", |a, _| a.nonce = Nonce::from_bytes([8; 16])),
             ("expiry", |a, _| a.not_after_ms += 1),
             ("emergency", |a, _| a.break_glass = true),
+            ("renderer", |a, _| edit_shown(a, |shown| shown.renderer = 2)),
+            ("lines", |a, d| edit_shown(a, |shown| shown.lines = d)),
+            ("facts", |a, d| edit_shown(a, |shown| shown.facts = d)),
+            ("store key", |a, _| edit_shown(a, |shown| shown.store_key = "x".into())),
+            ("request", |a, _| edit_shown(a, |shown| shown.request = Nonce::from_bytes([8; 16]))),
+            ("nothing shown", |a, _| a.shown = None),
         ];
         for (name, edit) in edits {
             let mut forged = signed.clone();
@@ -336,6 +373,19 @@ mod tests {
             assert!(forged.verify_signature().is_err(), "{name}");
             assert!(forged.verify(ada.info()).is_err(), "{name}");
         }
+    }
+
+    /// Equal runs have equal claims, whatever the store; what was shown is a part of the claim.
+    #[test]
+    fn a_claim_is_of_what_was_shown_and_of_no_store() {
+        let claim = approval().claim_digest();
+        let mut elsewhere = approval();
+        elsewhere.store_id = "other".into();
+        edit_shown(&mut elsewhere, |shown| shown.store_key = "other".into());
+        assert_eq!(elsewhere.claim_digest(), claim);
+        let mut otherwise = approval();
+        edit_shown(&mut otherwise, |shown| shown.lines = Digest::of_parts("t", &[b"x"]));
+        assert_ne!(otherwise.claim_digest(), claim);
     }
 
     #[test]

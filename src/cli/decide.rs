@@ -16,17 +16,18 @@ pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 
 use super::data;
 use super::passphrase;
-use super::side::{Side, running};
+use super::side::{Side, running, told};
 use super::stop::{self, GoArgs, GoalArgs, NoteArgs, StopArgs};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_approvals::Identity;
 use holdpoint_approvals::keyfile::Protection;
+use holdpoint_approvals::{BoundFacts, Identity, KeptIdentity};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::{Command, Operation};
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint_protocol::question::live_lines;
 use holdpoint_protocol::snapshot::{PromptView, Snapshot};
 use holdpoint_registry::Views;
 use holdpoint_text::{Untrusted, is_visible};
@@ -250,10 +251,11 @@ fn approve(
         let text = format!("held: nothing waits for a decision on {}", args.version);
         return Err(CliError::held(text).with_hint(format!("see `holdpoint status {}`", args.version)));
     };
-    check_digest(args.digest.as_deref(), prompt)?;
-    let shown = shown::told(prompt, out)?;
+    let (question, bound) = side.question(prompt, &who.info().name)?;
+    check_digest(args.digest.as_deref(), &bound)?;
+    shown::told(&question.lines, &live_lines(prompt, &snapshot), out)?;
     let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
-    let command = prompt.answer(&who, Answer::Approve, args.signature.reason.raw(), Some(shown));
+    let command = question.answer(&who, Answer::Approve, args.signature.reason.raw());
     side.carry_out(command.map_err(CliError::internal)?, out)?;
     // An approval that is not enough, or does not count, leaves the version held. One that is waits for a sequence at
     // most.
@@ -262,17 +264,17 @@ fn approve(
 }
 
 /// The approval is bound to the evidence that was read, if it was named; a profile with people nearby asks for it.
-fn check_digest(given: Option<&str>, prompt: &PromptView) -> Result<(), CliError> {
-    let waits = prompt.evidence.short();
+fn check_digest(given: Option<&str>, asked: &BoundFacts) -> Result<(), CliError> {
+    let waits = asked.evidence.short();
     match given {
         Some(given) if given == waits => Ok(()),
         Some(given) => {
-            let text = format!("held: {} waits with the evidence {waits}, not {given}", prompt.version);
+            let text = format!("held: {} waits with the evidence {waits}, not {given}", asked.version);
             Err(CliError::held(text).with_hint("read it again, then approve that"))
         }
-        None if prompt.profile == ProfileName::Human => {
+        None if asked.profile == ProfileName::Human => {
             let text =
-                format!("the profile {:?} needs --digest with the evidence that was read", prompt.profile);
+                format!("the profile {:?} needs --digest with the evidence that was read", asked.profile);
             Err(CliError::usage(text).with_hint("`holdpoint status` shows it"))
         }
         None => Ok(()),
@@ -299,13 +301,36 @@ fn reject(
             let enrolled = views.persons().map_err(CliError::usage)?;
             let signs = enrolled.enrolled().any(|person| person.info() == *who.info());
             if signs {
-                let who = passphrase::unlock(who, signature.passphrase_file.as_deref())?;
-                let command = prompt.answer(&who, Answer::Reject, signature.reason.raw(), None);
-                return side.carry_out(command.map_err(CliError::internal)?, out);
+                return refuse(&mut side, prompt, &snapshot, (who, signature), out);
             }
         }
     }
     side.carry_out(Command::Reject(operation(&args.version, &args.signature)), out)
+}
+
+/// Refuses over what is shown of the question. Where it cannot be had, or is another one meanwhile, the refusal is signed
+/// over nothing that was shown: it counts all the same.
+fn refuse(
+    side: &mut Side,
+    prompt: &PromptView,
+    snapshot: &Snapshot,
+    (who, signature): (KeptIdentity, &SigningArgs),
+    out: &mut Output<'_>,
+) -> Result<Exit, CliError> {
+    let question = side.question(prompt, &who.info().name).ok();
+    if let Some((question, _)) = &question {
+        shown::told(&question.lines, &live_lines(prompt, snapshot), out)?;
+    }
+    let who = passphrase::unlock(who, signature.passphrase_file.as_deref())?;
+    let reason = signature.reason.raw();
+    if let Some((question, _)) = question {
+        let command = question.answer(&who, Answer::Reject, reason).map_err(CliError::internal)?;
+        let reply = side.ask(command)?;
+        if !matches!(reply, Reply::Refused { code: Refusal::Stale, .. }) {
+            return told(&reply, out);
+        }
+    }
+    side.carry_out(prompt.refuse(&who, reason).map_err(CliError::internal)?, out)
 }
 
 fn rollback(

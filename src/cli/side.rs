@@ -8,7 +8,7 @@ use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit, start_error};
-use holdpoint_approvals::{Identity, Nonce, SignedCall};
+use holdpoint_approvals::{BoundFacts, Identity, Nonce, SignedCall};
 use holdpoint_engine::bound;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::door::{Client, DoorError};
@@ -16,7 +16,8 @@ use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
-use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_protocol::question::QuestionView;
+use holdpoint_protocol::snapshot::{PromptView, Snapshot};
 use holdpoint_registry::Layout;
 use holdpoint_text::Problem;
 
@@ -84,12 +85,40 @@ impl Side {
             },
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
             Reply::Accepted { .. }
+            | Reply::Question { .. }
             | Reply::Detail { .. }
             | Reply::Film { .. }
             | Reply::Registry { .. }
             | Reply::Audit { .. }
             | Reply::Health { .. }
             | Reply::Verified { .. } => Err(CliError::internal("the engine answered without a snapshot")),
+        }
+    }
+
+    /// A question as `who` gets it, with what an answer to it repeats.
+    ///
+    /// # Errors
+    /// If the engine refuses, or answers with another question.
+    pub(super) fn question(
+        &mut self,
+        open: &PromptView,
+        who: &str,
+    ) -> Result<(QuestionView, BoundFacts), CliError> {
+        let (version, purpose) = (open.version.clone(), open.purpose);
+        match self.ask(Command::Question { version, purpose, who: who.to_owned() })? {
+            Reply::Question { question } => {
+                let bound = question.bound(&open.version, purpose, who).map_err(CliError::held)?;
+                Ok((*question, bound))
+            }
+            Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
+            Reply::Accepted { .. }
+            | Reply::Snapshot { .. }
+            | Reply::Detail { .. }
+            | Reply::Film { .. }
+            | Reply::Registry { .. }
+            | Reply::Audit { .. }
+            | Reply::Health { .. }
+            | Reply::Verified { .. } => Err(CliError::internal("the engine answered without the question")),
         }
     }
 
@@ -131,7 +160,7 @@ fn is_enrolled(context: &CliContext, who: &Identity) -> Result<bool, CliError> {
 }
 
 /// Prints a reply to something that was to be done.
-fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
+pub(super) fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match reply {
         Reply::Accepted { text, version: _ } => {
             out.answer(reply, |out| out.line(text))?;
@@ -139,6 +168,7 @@ fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
         }
         Reply::Refused { code, text, hint } => Err(refused(*code, text, hint.as_deref())),
         Reply::Snapshot { .. }
+        | Reply::Question { .. }
         | Reply::Detail { .. }
         | Reply::Film { .. }
         | Reply::Registry { .. }

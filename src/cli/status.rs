@@ -321,6 +321,7 @@ impl Source<'_> {
             Ok(
                 Reply::Accepted { .. }
                 | Reply::Refused { .. }
+                | Reply::Question { .. }
                 | Reply::Detail { .. }
                 | Reply::Film { .. }
                 | Reply::Registry { .. }

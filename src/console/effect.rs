@@ -14,6 +14,7 @@ use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::film::FilmAsked;
 use holdpoint_protocol::health::HealthAsked;
+use holdpoint_protocol::snapshot::Purpose;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
@@ -90,6 +91,12 @@ pub enum Question {
         /// Whose name contains this.
         text: String,
     },
+    /// A question to people, as one of them gets it.
+    Asked {
+        version: CapabilityId,
+        purpose: Purpose,
+        who: String,
+    },
     /// A piece of a version's evaluation, worked again.
     Film {
         version: CapabilityId,
@@ -135,6 +142,7 @@ impl Question {
         match self {
             Self::Detail(_) => AskedFor::Detail,
             Self::Registry { .. } => AskedFor::Registry,
+            Self::Asked { .. } => AskedFor::Question,
             Self::Film { .. } => AskedFor::Film,
             Self::Audit(_) => AskedFor::Audit,
             Self::Health(_) => AskedFor::Health,
@@ -153,6 +161,7 @@ impl Question {
         match self {
             Self::Detail(version) => Command::Detail { version },
             Self::Registry { group, text } => Command::Registry { group, text, offset: 0, limit: PAGE_ROWS },
+            Self::Asked { version, purpose, who } => Command::Question { version, purpose, who },
             Self::Film { version, asked } => Command::Film { version, asked },
             Self::Audit(group) => Command::Audit {
                 before: None,

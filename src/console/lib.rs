@@ -21,7 +21,6 @@ pub mod options;
 pub mod palette;
 pub mod player;
 pub mod prompt;
-mod prompt_text;
 pub mod replay;
 pub mod rows;
 pub mod run;

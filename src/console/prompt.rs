@@ -11,11 +11,15 @@ use super::operator::Operator;
 use super::secret::Signing;
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_protocol::snapshot::{CandidateView, PromptView, Purpose, Snapshot};
+use holdpoint_protocol::question::{QuestionView, live_lines};
+use holdpoint_protocol::snapshot::{PromptView, Purpose, Snapshot};
 use holdpoint_text::{Untrusted, is_visible};
 
 /// How long a prompt ignores keys that decide, ms: a key typed for something else does not land in it.
 pub const GUARD_MS: u64 = 700;
+
+/// The longest line, columns; the screen wraps them.
+const WIDTH_MAX: usize = 400;
 
 /// Digits of a candidate's digest that are typed from tier 1 on.
 pub const SHORT_ID_DIGITS: usize = 4;
@@ -57,6 +61,8 @@ pub enum Obstacle {
     Reason,
     /// The emergency door lets in or stays shut; there is nothing to reject.
     NoRefusal,
+    /// The engine has not given the question to this person.
+    NotAsked,
     /// Not every line of it was on the screen.
     Unread,
     /// A field has the keys: leave it first.
@@ -79,6 +85,7 @@ impl Obstacle {
             Self::ShortId => "type the short id (tab)",
             Self::Reason => "give a reason (tab)",
             Self::NoRefusal => "Esc leaves the door shut; F rejects the version",
+            Self::NotAsked => "the engine is asked for your question: wait, or r reads it again",
             Self::Unread => "read it to its end (pagedown)",
             Self::Typing => "leave the field (tab)",
         }
@@ -93,13 +100,35 @@ pub struct Stale {
     pub what: &'static str,
 }
 
+/// What the engine gave to who sits here: the question as they get it, which is what they sign.
+#[derive(Clone, Debug, Default, PartialEq)]
+enum Given {
+    /// Nobody has asked for it.
+    #[default]
+    Nothing,
+    /// It was asked for, by a request with this id.
+    Asked {
+        who: String,
+        id: String,
+    },
+    Question {
+        who: String,
+        question: Box<QuestionView>,
+    },
+    /// The engine gave none.
+    Refused {
+        who: String,
+        why: String,
+    },
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prompt {
     /// The question as it was read.
     pub seen: PromptView,
-    /// The candidate as it was read.
-    pub evidence: CandidateView,
-    pub robot: String,
+    given: Given,
+    /// What changes by the second, as of the last snapshot; never signed.
+    pub live: Vec<String>,
     /// Whether the cell is stopped: what is approved takes over once it works again.
     pub stopped: bool,
     /// Console time at which it was opened or read again, ms.
@@ -170,7 +199,7 @@ pub struct PromptAnswer {
     answer: Answer,
     reason: String,
     over: PromptView,
-    shown: String,
+    question: Option<QuestionView>,
 }
 
 impl PromptAnswer {
@@ -195,22 +224,21 @@ impl PromptAnswer {
         &self.over
     }
 
-    /// What was on the screen.
+    /// The question whose lines were on the screen, all of them; absent for a refusal of who had not read it.
     #[must_use]
-    pub fn shown(&self) -> &str {
-        &self.shown
+    pub const fn question(&self) -> Option<&QuestionView> {
+        self.question.as_ref()
     }
 }
 
 impl Prompt {
-    /// Opens a prompt over a question that waits. Absent if its candidate is gone.
+    /// Opens a prompt over a question that waits.
     #[must_use]
-    pub fn open(question: &PromptView, snapshot: &Snapshot, now_ms: u64) -> Option<Self> {
-        let evidence = snapshot.candidates.iter().find(|known| known.version == question.version)?.clone();
-        Some(Self {
+    pub fn open(question: &PromptView, snapshot: &Snapshot, now_ms: u64) -> Self {
+        Self {
             seen: question.clone(),
-            evidence,
-            robot: snapshot.robot.clone(),
+            given: Given::Nothing,
+            live: live_lines(question, snapshot),
             stopped: snapshot.stopped.is_some(),
             opened_ms: now_ms,
             focus: Focus::Hold,
@@ -224,7 +252,61 @@ impl Prompt {
             signing: None,
             cut_off: None,
             reading: Reading::default(),
-        })
+        }
+    }
+
+    /// Whether the engine has to be asked for the question as `who` gets it; `waits` says whether a request waits still.
+    #[must_use]
+    pub fn wants_question(&self, who: &str, waits: impl Fn(&str) -> bool) -> bool {
+        let has = match &self.given {
+            Given::Nothing => false,
+            Given::Asked { who: of, id } => of == who && waits(id),
+            Given::Question { who: of, .. } | Given::Refused { who: of, .. } => of == who,
+        };
+        !(has || self.closed || self.stale.is_some())
+    }
+
+    /// The engine was asked for it.
+    pub fn asked(&mut self, who: String, id: String) {
+        self.given = Given::Asked { who, id };
+    }
+
+    /// The engine answered a request with this id; what another prompt asked for is let go.
+    pub fn take(&mut self, id: &str, answer: Result<Box<QuestionView>, String>) {
+        let Given::Asked { who, id: asked } = &self.given else { return };
+        if asked != id {
+            return;
+        }
+        let who = who.clone();
+        let fits =
+            |question: Box<QuestionView>| match question.bound(&self.seen.version, self.seen.purpose, &who) {
+                Ok(_) => Ok(question),
+                Err(error) => Err(error.to_string()),
+            };
+        self.given = match answer.and_then(fits) {
+            Ok(question) => Given::Question { who, question },
+            Err(why) => Given::Refused { who, why },
+        };
+    }
+
+    /// The question as `who` gets it; absent as long as the engine has not given it to them.
+    fn given_to(&self, who: &Operator) -> Option<&QuestionView> {
+        match &self.given {
+            Given::Question { who: of, question } if *of == who.name => Some(question),
+            Given::Nothing | Given::Asked { .. } | Given::Question { .. } | Given::Refused { .. } => None,
+        }
+    }
+
+    /// What is decided, in full, line by line: as who sits here gets it, or as whoever looks on reads it. Sanitised.
+    #[must_use]
+    pub fn text(&self) -> Vec<String> {
+        let (lines, why) = match &self.given {
+            Given::Question { question, .. } => (&question.lines, None),
+            Given::Refused { why, .. } => (&self.seen.lines, Some(format!("NOT TO BE SIGNED: {why}"))),
+            Given::Nothing | Given::Asked { .. } => (&self.seen.lines, None),
+        };
+        let safe = |line: String| Untrusted::new(line).display(WIDTH_MAX).into_string();
+        lines.iter().cloned().chain(why).map(safe).collect()
     }
 
     /// The digits to type from tier 1 on.
@@ -290,10 +372,12 @@ impl Prompt {
                 Some("the question was asked anew")
             }
             Some(now) if now.replaces != self.seen.replaces => Some("the active version changed"),
+            Some(now) if now.lines != self.seen.lines => Some("what is shown of it changed"),
             // Another person's answer changes nothing that was read.
             Some(now) => {
                 self.seen.approved_by.clone_from(&now.approved_by);
                 self.seen.granted = now.granted;
+                self.live = live_lines(now, snapshot);
                 None
             }
         };
@@ -303,7 +387,7 @@ impl Prompt {
     /// Reads the question again: guard time, fields and focus start anew. False if it is closed.
     pub fn reread(&mut self, snapshot: &Snapshot, now_ms: u64) -> bool {
         let question = self.question(snapshot);
-        let fresh = question.and_then(|question| Self::open(question, snapshot, now_ms));
+        let fresh = question.map(|question| Self::open(question, snapshot, now_ms));
         fresh.map(|fresh| *self = fresh).is_some()
     }
 
@@ -331,6 +415,7 @@ impl Prompt {
             (self.stale.is_some() && !self.closed, Obstacle::Stale),
             (guarded, Obstacle::Guard),
             (granted, Obstacle::Granted),
+            (approves && who.is_some_and(|who| self.given_to(who).is_none()), Obstacle::NotAsked),
             // A refusal needs no reading.
             (approves && self.unread() > 0, Obstacle::Unread),
             (approves && is(&self.seen.author), Obstacle::OwnWork),
@@ -364,7 +449,8 @@ impl Prompt {
             answer,
             reason: reason.to_owned(),
             over: self.seen.clone(),
-            shown: self.shown(),
+            // Nobody signs a line that was not on the screen.
+            question: self.given_to(who).filter(|_| self.unread() == 0).cloned(),
         })
     }
 
@@ -400,19 +486,6 @@ impl Prompt {
     #[must_use]
     pub fn unread(&self) -> usize {
         self.text().iter().filter(|line| !self.reading.lines.contains(*line)).count()
-    }
-
-    /// What was on the screen, for the record; what was not is counted.
-    fn shown(&self) -> String {
-        let text = self.text();
-        let all = text.len();
-        let mut shown: Vec<String> =
-            text.into_iter().filter(|line| self.reading.lines.contains(line)).collect();
-        let unread = all - shown.len();
-        if unread > 0 {
-            shown.push(format!("({unread} of {all} lines were not on the screen)"));
-        }
-        shown.join("\n")
     }
 
     /// Scrolls by one row, or by as many as can be seen without passing one over.

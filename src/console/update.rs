@@ -66,7 +66,8 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         | MsgKind::Unsigned { .. }
         | MsgKind::EndAsked => Some(true),
     };
-    let effects = take_in(model, msg);
+    let mut effects = take_in(model, msg);
+    effects.extend(asking::question(model));
     if let Some(by_itself) = by_itself {
         moving::follow(model, by_itself);
     }

@@ -2,19 +2,22 @@
 //!
 //! Derives from profile, conditions and identities; decides nothing.
 
+use std::collections::BTreeSet;
+
 use holdpoint_approvals::{Persons, keyfile};
 use holdpoint_body::TaskKind;
 use holdpoint_governance::composition;
 use holdpoint_governance::condition::{Condition, people_needed};
 use holdpoint_governance::decision::MadeUnder;
-use holdpoint_governance::evidence::Binding;
+use holdpoint_governance::evidence::{Binding, StaleCause};
 use holdpoint_governance::ids::{Digest, Family};
+use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 
 use crate::context::Context;
-use crate::dossier::Dossiers;
+use crate::dossier::{Dossier, Dossiers};
 use crate::ledger::Ledger;
 use crate::monitors::Monitors;
 use crate::trial::lab::Party;
@@ -53,6 +56,29 @@ pub fn terms_under(context: &Context, capability: &Capability, conditions: &[Con
     let terms = context.terms().capped(speed, force);
     // On the arm only what passed the gate with these people's approval runs; in sandbox and shadow it is tried.
     if people_needed(conditions) > 0 { terms.reviewed() } else { terms }
+}
+
+/// Why what was measured of a version does not count any more. Of history nothing counts; whoever took over was compared
+/// with the one before, beside those of then.
+pub(crate) fn stale_causes(
+    context: &Context,
+    ledger: &Ledger,
+    of: &Capability,
+    state: State,
+    dossier: &Dossier,
+) -> Vec<StaleCause> {
+    if dossier.bindings.is_empty() || state.is_terminal() {
+        return Vec::new();
+    }
+    let now = binding(context, ledger, of);
+    let took_over = matches!(state, State::Active | State::Superseded);
+    let stale: BTreeSet<StaleCause> = dossier
+        .bindings
+        .iter()
+        .flat_map(|then| then.stale_against(&now))
+        .filter(|cause| !(took_over && matches!(cause, StaleCause::ActiveVersion | StaleCause::Neighbours)))
+        .collect();
+    stale.into_iter().collect()
 }
 
 /// Why a version is not given the arm under the profile in force; `None` if it is: its declaration admits the profile,

@@ -149,9 +149,10 @@ impl Dossier {
         self.risk = Some(found.risk);
     }
 
-    /// Takes in what the gate says of it: what it would be let in under, and why.
+    /// Takes in what the gate says of it: what it would be let in under, what it comes to, and why.
     pub fn take_gate(&mut self, decision: &Decision<GateOutcome>) {
         self.reasons = decision.reasons().to_vec();
+        self.deployment = decision.answers().deployment;
         self.conditions.clone_from(&decision.answers().conditions);
     }
 

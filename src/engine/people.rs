@@ -1,6 +1,7 @@
 //! People: what they are asked and what they answer.
 
 pub mod approvals;
+pub(crate) mod asking;
 pub(crate) mod emergencies;
 pub(crate) mod persons;
 pub mod questions;

@@ -299,11 +299,12 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
         nonce: Nonce::random().unwrap(),
         not_after_ms: u64::MAX,
         break_glass: true,
+        shown: None,
     };
     let signed = ana.sign(approval).unwrap();
-    assert!(locked.activation().break_glass(signed.clone(), None).is_ok(), "it is answered");
+    assert!(locked.activation().break_glass(signed.clone()).is_ok(), "it is answered");
     locked.live().world.cell.replace_agent(Agent::called("another"));
-    assert!(locked.activation().break_glass(signed, None).is_err(), "and held");
+    assert!(locked.activation().break_glass(signed).is_err(), "and held");
     assert_eq!(locked.record().active_of(&id.family).unwrap().id(), before);
 
     // A stopped family is not armed again for it.

@@ -1,6 +1,6 @@
 //! What front ends see of a pipeline: the snapshot, and answers to questions. Reads, and changes nothing.
 
-mod evidence;
+pub(crate) mod evidence;
 pub(crate) use lookup::whole_dossier;
 
 pub(crate) mod lookup;

@@ -188,7 +188,7 @@ impl<'a> Driver<'a> {
         let Some(door) = snapshot.emergencies.into_iter().find(|door| ours(&door.version)) else {
             return Err(CliError::usage("nothing is held back that the emergency door is for"));
         };
-        let command = approver::break_glass(self.pump.engine(), &door, &say.who, &say.reason)
+        let command = approver::answer(&mut self.pump, &door, &say.who, Answer::Approve, &say.reason)
             .map_err(CliError::usage)?;
         self.accept(command)
     }
@@ -377,7 +377,7 @@ impl<'a> Driver<'a> {
         let Some(prompt) = snapshot.prompts.into_iter().find(|prompt| ours(&prompt.version)) else {
             return Err(CliError::usage("nothing waits for a decision"));
         };
-        let command = approver::answer(self.pump.engine(), &prompt, &say.who, decision, &say.reason)
+        let command = approver::answer(&mut self.pump, &prompt, &say.who, decision, &say.reason)
             .map_err(CliError::usage)?;
         self.accept(command)
     }
@@ -463,6 +463,7 @@ impl<'a> Driver<'a> {
 fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
     match reply {
         Reply::Accepted { .. }
+        | Reply::Question { .. }
         | Reply::Snapshot { .. }
         | Reply::Detail { .. }
         | Reply::Film { .. }

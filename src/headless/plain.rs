@@ -172,6 +172,7 @@ impl PlainStream<'_> {
             Reply::Refused { text, hint, .. } => return Err(CliError::usage(Problem::from((text, hint)))),
             Reply::Accepted { .. }
             | Reply::Snapshot { .. }
+            | Reply::Question { .. }
             | Reply::Detail { .. }
             | Reply::Film { .. }
             | Reply::Registry { .. }

@@ -4,8 +4,9 @@ use std::borrow::Cow;
 
 use holdpoint_approvals::{ApprovalError, Identity, IdentityError};
 use holdpoint_engine::Engine;
+use holdpoint_engine::pump::Pump;
 use holdpoint_governance::approval::{Answer, Role};
-use holdpoint_protocol::command::Command;
+use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::snapshot::PromptView;
 use holdpoint_registry::{StoreError, Views};
 use holdpoint_text::Hint;
@@ -16,7 +17,7 @@ pub enum ApproverError {
     /// The identity cannot be read or made.
     #[error(transparent)]
     Identity(#[from] IdentityError),
-    /// No random number can be had.
+    /// The question is another one, or no random number can be had.
     #[error(transparent)]
     Random(#[from] ApprovalError),
     /// Who is enrolled cannot be read.
@@ -25,6 +26,9 @@ pub enum ApproverError {
     /// There is nobody whose key signs without a passphrase.
     #[error("{0} is not enrolled in this store, and the keys of its administrators have passphrases")]
     NobodyEnrols(String),
+    /// The engine gave no question to answer.
+    #[error("the engine gave no question to answer: {0}")]
+    Refused(String),
 }
 
 impl Hint for ApproverError {
@@ -33,6 +37,7 @@ impl Hint for ApproverError {
             Self::Identity(error) => error.hint(),
             Self::Random(error) => error.hint(),
             Self::Store(error) => error.hint(),
+            Self::Refused(_) => None,
             Self::NobodyEnrols(name) => {
                 Some(format!("`holdpoint identity enrol {name} --by ADMIN --reason TEXT` enrols them").into())
             }
@@ -60,33 +65,26 @@ pub fn enrolment(engine: &Engine, who: &str, role: Role) -> Result<Option<Comman
     Ok(Some(Command::Person { signed: Box::new(signed) }))
 }
 
-/// The command by which `who` decides on `prompt`.
+/// The command by which `who` answers an open question, over the lines and facts that the engine gives them.
 ///
 /// # Errors
 /// [`ApproverError`].
 pub fn answer(
-    engine: &Engine,
-    prompt: &PromptView,
+    pump: &mut Pump,
+    open: &PromptView,
     who: &str,
     answer: Answer,
     reason: &str,
 ) -> Result<Command, ApproverError> {
-    Ok(prompt.answer(&identity(engine, who)?, answer, reason, None)?)
-}
-
-/// The command by which `who` lets in alone what `door` is about.
-///
-/// # Errors
-/// [`ApproverError`].
-pub fn break_glass(
-    engine: &Engine,
-    door: &PromptView,
-    who: &str,
-    reason: &str,
-) -> Result<Command, ApproverError> {
-    Ok(door.break_glass(&identity(engine, who)?, reason, None)?)
-}
-
-fn identity(engine: &Engine, who: &str) -> Result<Identity, IdentityError> {
-    Identity::load(&engine.layout().identities(), who)
+    let identity = Identity::load(&pump.engine().layout().identities(), who)?;
+    let (version, purpose) = (open.version.clone(), open.purpose);
+    let asked = Command::Question { version, purpose, who: who.to_owned() };
+    match pump.submit(Request::unsigned("question".to_owned(), asked)) {
+        Reply::Question { question } => {
+            question.bound(&open.version, purpose, who)?;
+            Ok(question.answer(&identity, answer, reason)?)
+        }
+        Reply::Refused { text, .. } => Err(ApproverError::Refused(text)),
+        _ => Err(ApproverError::Refused("it answered something else".to_owned())),
+    }
 }

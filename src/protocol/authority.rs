@@ -23,7 +23,8 @@ impl Command {
     #[must_use]
     pub const fn authority(&self) -> Authority {
         match self {
-            Self::Detail { .. }
+            Self::Question { .. }
+            | Self::Detail { .. }
             | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
@@ -90,7 +91,8 @@ impl Command {
             | Self::Goal { by, .. }
             | Self::Note { by, .. } => Some(by),
             Self::Register { by, .. } => by.as_deref(),
-            Self::Decide { .. }
+            Self::Question { .. }
+            | Self::Decide { .. }
             | Self::Person { .. }
             | Self::Drift { .. }
             | Self::LiveFault { .. }

@@ -9,6 +9,8 @@ use super::detail::{AuditPage, Detail, RegistryPage, Verified};
 use super::explained::blank;
 use super::film::{Film, FilmAsked};
 use super::health::{HealthAsked, HealthSeries};
+use super::purpose::Purpose;
+use super::question::QuestionView;
 use holdpoint_approvals::{SignedApproval, SignedCall, SignedPersonAct};
 use holdpoint_body::rehearsal::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -39,12 +41,20 @@ pub enum Command {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         by: Option<String>,
     },
-    /// A person's signed approval or refusal of a waiting candidate.
+    /// A question as one person gets it: lines to show, the facts behind them, and what an answer has to name.
+    Question {
+        /// The version it is about.
+        version: CapabilityId,
+        /// Which question: one that waits, or the emergency door.
+        purpose: Purpose,
+        /// Name of the identity that would answer.
+        who: String,
+    },
+    /// A person's signed approval or refusal of a waiting candidate. An approval is over what [`Command::Question`]
+    /// answered; the engine makes it again and refuses another.
     Decide {
         /// The decision with its signature; checked by the engine and again by the store.
         signed: Box<SignedApproval>,
-        /// What was on the screen, kept with the decision; absent if there was no screen.
-        shown: Option<String>,
     },
     /// An administrator's signed act: a person's key is enrolled, or revoked.
     Person {
@@ -299,6 +309,11 @@ pub enum Reply {
         /// The state of the whole engine.
         snapshot: Box<super::snapshot::Snapshot>,
     },
+    /// Answers [`Command::Question`].
+    Question {
+        /// The question as that person gets it.
+        question: Box<QuestionView>,
+    },
     /// Answers [`Command::Detail`].
     Detail {
         /// Everything that is known of the version.
@@ -374,6 +389,7 @@ impl Command {
             | Self::ShelveAlarm { .. }
             | Self::UnshelveAlarm { .. }
             | Self::Stop { .. }
+            | Self::Question { .. }
             | Self::Detail { .. }
             | Self::Film { .. }
             | Self::Registry { .. }
@@ -410,7 +426,8 @@ impl Command {
     pub const fn only_reads(&self) -> bool {
         matches!(
             self,
-            Self::Detail { .. }
+            Self::Question { .. }
+                | Self::Detail { .. }
                 | Self::Film { .. }
                 | Self::Registry { .. }
                 | Self::Audit { .. }
@@ -454,7 +471,9 @@ impl Command {
             | Self::Demote { operation, .. }
             | Self::Release { operation, .. }
             | Self::Repeat { operation, .. } => Some(&operation.version.family),
-            Self::Detail { version } | Self::Film { version, .. } => Some(&version.family),
+            Self::Question { version, .. } | Self::Detail { version } | Self::Film { version, .. } => {
+                Some(&version.family)
+            }
             Self::Register { .. }
             | Self::Decide { .. }
             | Self::Person { .. }

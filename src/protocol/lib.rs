@@ -27,6 +27,7 @@ pub mod film;
 pub mod health;
 pub mod picture;
 mod purpose;
+pub mod question;
 pub mod schema;
 pub mod seat;
 pub mod sink;

@@ -443,6 +443,10 @@ pub struct PromptView {
     /// What a release or a review is about, one sentence; empty for an activation.
     #[serde(default)]
     pub about: String,
+    /// The question as whoever looks on reads it. Who signs gets lines of their own
+    /// ([`Command::Question`](crate::command::Command::Question)); where these change, it is another question.
+    #[serde(default)]
+    pub lines: Vec<String>,
 }
 
 /// An alarm that is not normal.

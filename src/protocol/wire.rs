@@ -12,7 +12,7 @@ use crate::seat::Sitting;
 use crate::snapshot::Snapshot;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 8;
+pub const PROTOCOL: u32 = 9;
 
 /// The longest line a client may send, bytes: the largest component has room in it, in the letters of a package's JSON.
 pub const CALL_BYTES_MAX: usize = 4 * 1024 * 1024;

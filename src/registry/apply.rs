@@ -39,12 +39,14 @@ const COMMAND_ID_BYTES_MAX: usize = 128;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ApprovalBasis<'a> {
     pub(crate) store_id: &'a str,
+    /// Its public key, 64 hexadecimal digits.
+    pub(crate) store_key: &'a str,
 }
 
 impl ApprovalBasis<'_> {
     /// For what takes in no approval.
     pub(crate) const fn none() -> Self {
-        Self { store_id: "" }
+        Self { store_id: "", store_key: "" }
     }
 }
 

@@ -27,6 +27,19 @@ pub(crate) struct ApprovalOnRecord {
     profile: ProfileName,
     not_after_ms: u64,
     nonce: Nonce,
+    /// What it was signed over, without the store's key: equal in equal runs. Earlier versions signed none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    shown: Option<ShownByDigest>,
+}
+
+/// What a decision was signed over, as its record tells it.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ShownByDigest {
+    renderer: u32,
+    lines: Digest,
+    facts: Digest,
+    request: Nonce,
 }
 
 impl ApprovalOnRecord {
@@ -43,6 +56,12 @@ impl ApprovalOnRecord {
             profile: approval.profile,
             not_after_ms: approval.not_after_ms,
             nonce: approval.nonce.clone(),
+            shown: approval.shown.as_ref().map(|shown| ShownByDigest {
+                renderer: shown.renderer,
+                lines: shown.lines,
+                facts: shown.facts,
+                request: shown.request.clone(),
+            }),
         }
     }
 
@@ -123,6 +142,15 @@ impl Applier<'_> {
         if approval.store_id != self.place.store_id {
             return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
         }
+        match &approval.shown {
+            Some(shown) if shown.store_key != self.place.store_key => {
+                return Err(refuse("it was made for a store with another key".to_owned()));
+            }
+            None if approval.decision == Answer::Approve => {
+                return Err(refuse("it is signed over nothing that was shown".to_owned()));
+            }
+            Some(_) | None => {}
+        }
         check_int("expiry", approval.not_after_ms)?;
         check_int("row version", approval.row_version)?;
         self.version(&approval.version)?;
@@ -202,6 +230,8 @@ impl Applier<'_> {
             Some("it was used already")
         } else if approval.decision != Answer::Approve {
             Some("it is a refusal")
+        } else if approval.shown.is_none() {
+            Some("it was signed by an earlier version, over nothing that was shown")
         } else if self.at_ms >= approval.not_after_ms {
             Some("it has expired")
         } else if approval.row_version != self.row_version_before(&name, row_version) {

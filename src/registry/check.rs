@@ -171,8 +171,8 @@ pub(crate) fn check_tables(
     if let Some(fault) = compare(fold, connection).map_err(unreadable)? {
         return Err(not_the_chain(database, &described(fold, connection, &fault)));
     }
-    if let Err((nonce, problem)) = check_approvals(connection, store_id).map_err(unreadable)? {
-        return Err(not_the_chain(database, &format!("the approval {nonce} is bad: {problem}")));
+    if let Err(error) = check_approvals(connection, store_id, None).map_err(unreadable)? {
+        return Err(not_the_chain(database, &error.to_string()));
     }
     if let Err((name, problem)) = people::read(connection, store_id).map_err(unreadable)? {
         return Err(not_the_chain(database, &format!("the person {name} is bad: {problem}")));

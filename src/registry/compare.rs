@@ -19,12 +19,16 @@
 
 use std::collections::BTreeMap;
 
+use ed25519_dalek::VerifyingKey;
 use rusqlite::{Connection, OptionalExtension};
 
 use super::change::Receipt;
 use super::fold::{ChainFault, Fold, HEAD_ROW};
 use super::rows::{ChainedTable, RowName, all_rows};
+use super::shown::ShownOnRecords;
+use super::unsound::VerifyError;
 use holdpoint_approvals::SignedApproval;
+use holdpoint_approvals::keyfile::hex;
 use holdpoint_governance::ids::canonical_json;
 
 fn row(table: &'static str, key: &str, problem: impl Into<String>) -> ChainFault {
@@ -180,14 +184,21 @@ fn commands(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<Cha
     Ok(None)
 }
 
-/// Every approval is signed, for this store, and is the claim the chain holds. Tells how many there are.
+/// Every approval is signed, for this store, is the claim the chain holds, and is over what is on record as shown. Tells how
+/// many there are.
 ///
 /// # Errors
-/// The first that is not, with its nonce.
+/// The first that is not, or the record of what was shown that is bad.
 pub(crate) fn check_approvals(
     connection: &Connection,
     store_id: &str,
-) -> rusqlite::Result<Result<u64, (String, String)>> {
+    key: Option<&VerifyingKey>,
+) -> rusqlite::Result<Result<u64, VerifyError>> {
+    let shown = match ShownOnRecords::read(connection)? {
+        Ok(shown) => shown,
+        Err((seq, problem)) => return Ok(Err(VerifyError::Record { seq, problem })),
+    };
+    let key = key.map(|key| hex(key.as_bytes()));
     let mut select = connection.prepare("SELECT nonce, claim, signed FROM approval ORDER BY seq")?;
     let mut rows = select.query([])?;
     let mut good = 0;
@@ -198,10 +209,11 @@ pub(crate) fn check_approvals(
         }
         let checked = match serde_json::from_str::<SignedApproval>(&text) {
             Err(error) => Err(error.to_string()),
-            Ok(signed) => check_approval(&signed, &nonce, &claim, &text, store_id),
+            Ok(signed) => check_approval(&signed, &nonce, &claim, &text, store_id)
+                .and_then(|()| shown.check(signed.approval(), key.as_deref())),
         };
         if let Err(problem) = checked {
-            return Ok(Err((nonce, problem)));
+            return Ok(Err(VerifyError::Approval { nonce, problem }));
         }
         good += 1;
     }

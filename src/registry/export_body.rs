@@ -130,7 +130,7 @@ fn change_of<C: Serialize + DeserializeOwned>(text: &str) -> Result<C, String> {
 }
 
 /// A value with the fields of its form: all of them, and each only where it says something.
-fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
+pub(super) fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
     let typed = T::deserialize(&value).map_err(|error| error.to_string())?;
     if serde_json::to_value(&typed).map_err(|error| error.to_string())? == value {
         return Ok(typed);
@@ -139,7 +139,7 @@ fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
 }
 
 /// What a text says that is the one text of its value.
-fn value_of(text: &str) -> Result<Value, String> {
+pub(super) fn value_of(text: &str) -> Result<Value, String> {
     if text.bytes().filter(|byte| matches!(byte, b',' | b'[' | b'{')).count() > BODY_MARKS_MAX {
         return Err(format!(
             "it has more than {BODY_MARKS_MAX} commas and brackets, and so many are allowed"

@@ -14,6 +14,7 @@ use super::export_line::{ExportHeader, ExportLine};
 use super::fold::START;
 use super::loosened::Course;
 use super::merkle::Frontier;
+use super::shown::ShownOnRecords;
 use super::unsound::VerifyError;
 use super::words::guarded;
 use holdpoint_approvals::keyfile::hex;
@@ -46,6 +47,7 @@ pub(super) struct Exported {
     pub(super) approvals: Vec<SignedApproval>,
     pub(super) persons: Persons,
     course: Course,
+    shown: ShownOnRecords,
 }
 
 /// What a record tells of an approval.
@@ -77,6 +79,7 @@ impl Exported {
             lost: BTreeSet::new(),
             approvals: Vec::new(),
             course: Course::default(),
+            shown: ShownOnRecords::default(),
         }
     }
 
@@ -129,6 +132,9 @@ impl Exported {
         if record.at_ms < self.end.at_ms {
             return Err(bad("it is older than the record before"));
         }
+        self.shown
+            .take(record.kind.known().copied(), &record.subject, &record.body)
+            .map_err(|problem| bad(&format!("its body is not of its form: {problem}")))?;
         let said = export_body::read(record.kind.known(), &record.body)
             .map_err(|problem| bad(&format!("its body is not of its form: {problem}")))?;
         match said {
@@ -241,7 +247,7 @@ impl Exported {
                 check_newest(end, &self.heads).map_err(unsigned)?;
             }
         }
-        self.check_approvals(&header.store_id)
+        self.check_approvals(&header.store_id, &hex(key.as_bytes()))
     }
 
     fn check_head(&self, checkpoint: &Checkpoint, store_id: &str, key: &VerifyingKey) -> Result<(), String> {
@@ -264,7 +270,7 @@ impl Exported {
         }
     }
 
-    fn check_approvals(&self, store_id: &str) -> Result<(), VerifyError> {
+    fn check_approvals(&self, store_id: &str, store_key: &str) -> Result<(), VerifyError> {
         let mut found = BTreeSet::new();
         for signed in &self.approvals {
             let nonce = signed.approval().nonce.as_str();
@@ -289,6 +295,7 @@ impl Exported {
             if tells.map_err(|error| bad(&error.to_string()))? != *told {
                 return Err(bad("it is not what its record tells of it"));
             }
+            self.shown.check(signed.approval(), Some(store_key)).map_err(|problem| bad(&problem))?;
             if !found.insert(nonce) {
                 return Err(bad("it is there twice"));
             }

@@ -49,6 +49,7 @@ mod rows;
 mod sealing;
 mod seals;
 mod shape;
+mod shown;
 mod signed;
 mod snapshot;
 mod stamps;

@@ -443,7 +443,8 @@ impl StoreWriter {
                 None
             }
         };
-        let place = ApprovalBasis { store_id: &self.store_id };
+        let store_key = holdpoint_approvals::keyfile::hex(self.key.verifying_key().as_bytes());
+        let place = ApprovalBasis { store_id: &self.store_id, store_key: &store_key };
         let answer = apply(&tx, transaction, place, &self.fold)?;
         if answer.1.seq > self.fold.end().seq {
             let root = audit::tree_after(&tx, self.fold.tree())?.root();

@@ -222,9 +222,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     if let Some(violation) = broken.first() {
         return Err(VerifyError::Invariant(violation.to_string()));
     }
-    let approvals = check_approvals(&connection, &store_id)
-        .map_err(unreadable)?
-        .map_err(|(nonce, problem)| VerifyError::Approval { nonce, problem })?;
+    let approvals = check_approvals(&connection, &store_id, public_key).map_err(unreadable)??;
     let persons = people::read(&connection, &store_id)
         .map_err(unreadable)?
         .map_err(|(name, problem)| VerifyError::Person { name, problem })?;

@@ -214,7 +214,12 @@ fn call() {
     };
     let commands = [
         Command::Register { package, name: "grasp-improved".into(), by: None },
-        Command::Decide { signed: Box::new(signed()), shown: Some("all".into()) },
+        Command::Decide { signed: Box::new(signed()) },
+        Command::Question {
+            version: "grasp@1.1.0".parse().unwrap(),
+            purpose: Purpose::Activation,
+            who: "ana".into(),
+        },
         Command::Rollback(operation("worse")),
         Command::Demote { operation: operation(""), profiles: vec![ProfileName::Real] },
         Command::ShelveAlarm { alarm: "a".into(), by: "ana".into(), for_ms: 60_000, reason: "seen".into() },
@@ -307,6 +312,13 @@ fn signed() -> SignedApproval {
         nonce: Nonce::from_bytes([7; 16]),
         not_after_ms: 1_000,
         break_glass: false,
+        shown: Some(ShownQuestion {
+            renderer: 1,
+            lines: digest("lines"),
+            facts: digest("facts"),
+            store_key: "k".into(),
+            request: Nonce::from_bytes([8; 16]),
+        }),
     })
     .unwrap()
 }

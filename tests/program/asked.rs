@@ -4,7 +4,6 @@ use std::path::Path;
 
 use holdpoint::approvals::{Approval, Identity, Nonce};
 use holdpoint::engine::cell::Cell;
-use holdpoint::engine::people::approvals::SHOWN_BYTES_MAX;
 use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::alarms::AlarmState;
@@ -142,7 +141,7 @@ fn an_alarm_is_told_in_full() {
 }
 
 #[test]
-fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
+fn what_was_shown_is_kept_with_decisions_alone() {
     let mut bench = Bench::new();
     bench.register("align-improved");
     let snapshot = bench.engine.snapshot();
@@ -157,7 +156,7 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
     .unwrap()
     .unwrap();
     assert!(matches!(bench.ask(enrolment), Reply::Accepted { .. }));
-    let mut decide = |bytes: usize| {
+    let mut decide = || {
         let signed = identity
             .sign(Approval {
                 who: String::new(),
@@ -174,15 +173,15 @@ fn the_text_of_a_screen_is_bounded_and_kept_with_decisions_alone() {
                 nonce: Nonce::random().unwrap(),
                 not_after_ms: u64::MAX,
                 break_glass: false,
+                shown: None,
             })
             .unwrap();
-        let reply = bench.ask(Command::Decide { signed: Box::new(signed), shown: Some("x".repeat(bytes)) });
+        let reply = bench.ask(Command::Decide { signed: Box::new(signed) });
         let Reply::Refused { code, .. } = reply else { panic!("not refused: {reply:?}") };
         code
     };
-    assert_eq!(decide(SHOWN_BYTES_MAX + 1), Refusal::BadInput);
     // Nothing waits for a decision, so there is nothing to keep.
-    assert_eq!(decide(SHOWN_BYTES_MAX), Refusal::NotFound);
+    assert_eq!(decide(), Refusal::NotFound);
     let audit = bench.ask(Command::Audit {
         before: None,
         subject: String::new(),

@@ -13,6 +13,7 @@ mod asked;
 mod attach;
 mod bad_input;
 mod bench;
+mod between;
 mod cli;
 mod displaced;
 mod door;

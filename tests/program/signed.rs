@@ -27,12 +27,12 @@ use tempfile::TempDir;
 const PATIENCE: Duration = Duration::from_mins(1);
 const CANDIDATE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
 
-fn words() -> Passphrase {
+pub fn words() -> Passphrase {
     Passphrase::new("under the oak".to_owned().into()).unwrap()
 }
 
 /// A store whose persons were enrolled before an engine has it: mara and omar, and the first administrator.
-fn store() -> TempDir {
+pub fn store() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
     store.first_administrator(0).unwrap();
@@ -43,7 +43,7 @@ fn store() -> TempDir {
     folder
 }
 
-fn person(store: &Store, name: &str, role: Role, keep: Keep<'_>) {
+pub fn person(store: &Store, name: &str, role: Role, keep: Keep<'_>) {
     let folder = store.layout().identities();
     let who = Identity::create_kept(&folder, name, role, keep).unwrap();
     let persons = store.persons().unwrap();
@@ -62,7 +62,7 @@ fn write(store: &Store, command_id: String, change: Change) {
 }
 
 /// An engine in a thread of its own, behind its door.
-fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
+pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
     let thread = std::thread::spawn(move || {

@@ -19,6 +19,7 @@ use holdpoint::governance::evidence::StaleCause;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::words::Word;
 use holdpoint::protocol::detail::Verified;
+use holdpoint::protocol::question::{QuestionFacts, render};
 use holdpoint::protocol::snapshot::Snapshot;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -96,7 +97,11 @@ fn prompted(tier: u8) -> Model {
     let mut model = support::at(View::Approvals);
     let mut snapshot = support::snapshot();
     snapshot.prompts = vec![support::question(tier)];
-    let prompt = Prompt::open(&support::question(tier), &snapshot, model.now_ms - 5_000).unwrap();
+    let mut prompt = Prompt::open(&support::question(tier), &snapshot, model.now_ms - 5_000);
+    if let Some(who) = model.seat.operator.as_ref().map(|who| who.name.clone()) {
+        prompt.asked(who.clone(), "q".to_owned());
+        prompt.take("q", Ok(support::asked(tier, &who)));
+    }
     model.told.snapshot = Some(Arc::new(snapshot));
     model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
     model
@@ -238,8 +243,11 @@ fn stale_evidence_is_said_where_the_candidate_is_read_and_decided_upon() {
     for candidate in &mut snapshot.candidates {
         candidate.stale = vec![StaleCause::Profile, StaleCause::Environment];
     }
-    let prompt = Prompt::open(&support::question(1), &snapshot, model.now_ms).unwrap();
-    assert!(prompt.text().contains(&STALE.to_owned()), "{:#?}", prompt.text());
+    let stale = QuestionFacts {
+        stale: vec![StaleCause::Profile, StaleCause::Environment],
+        ..support::facts(1, None)
+    };
+    assert!(render(&stale).contains(&STALE.to_owned()), "{:#?}", render(&stale));
     model.told.snapshot = Some(Arc::new(snapshot));
     for size in SIZES {
         let text = shown(&model, size);

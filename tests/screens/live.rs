@@ -186,7 +186,7 @@ fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
     });
     with("prompt", "X stop", &|model| {
         let snapshot = support::snapshot();
-        let prompt = Prompt::open(&support::question(1), &snapshot, model.now_ms).unwrap();
+        let prompt = Prompt::open(&support::question(1), &snapshot, model.now_ms);
         model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt)));
     });
     with("read-only", "X stop", &|model| model.settings.read_only = true);
@@ -203,7 +203,7 @@ fn the_key_that_stops_is_in_the_footer_whatever_else_is_there() {
 fn a_decision_says_how_much_of_it_is_unread_and_which_key_shows_it() {
     let mut model = support::at(View::Approvals);
     let snapshot = support::snapshot();
-    let mut prompt = Prompt::open(&support::question(2), &snapshot, 0).unwrap();
+    let mut prompt = Prompt::open(&support::question(2), &snapshot, 0);
     let all = prompt.text().len();
     model.entry.overlay = Some(Overlay::Prompt(Box::new(prompt.clone())));
     let text = shown(&model, (80, 24));

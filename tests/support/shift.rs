@@ -16,18 +16,20 @@ use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 use holdpoint_governance::risk::{RiskCause, RiskClass};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
-use holdpoint_protocol::detail::{
-    Changes, Detail, Difference, DrillView, Measure, ModeView, RegistryPage, WhyView,
-};
+use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure, ModeView, RegistryPage, WhyView};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
 use holdpoint_protocol::film::{FilmAsked, FilmOf};
 use holdpoint_protocol::picture::{ArmPicture, EnvelopePicture, NO_TURN, Picture, Region, Scenery, Twin};
 use holdpoint_protocol::snapshot::{
     AlarmView, CandidateView, Disagreement, FamilyView, LiveView, MonitorView, PairsView, ProgressView,
-    PromptView, Purpose, QuestionView, ShadowView, Snapshot,
+    QuestionView, ShadowView, Snapshot,
 };
-use serde_json::Value;
+
+#[path = "question.rs"]
+mod question;
+
+pub use question::*;
 
 /// The profile's limits of the four kappas.
 const LIMITS: [f64; 4] = [0.90, 0.95, 0.90, 0.85];
@@ -194,57 +196,6 @@ fn candidates() -> Vec<CandidateView> {
     sandbox.dimensions = dimensions([Some(1.0), Some(0.97), Some(0.914), None]);
     sandbox.reasons.clear();
     vec![rejected, approval, shadowed, sandbox]
-}
-
-fn changed(field: &str, old: Option<Value>, new: Option<Value>) -> Difference {
-    Difference { field: field.to_owned(), old, new }
-}
-
-/// A question about `align@2.0.0` at a tier of friction.
-pub fn question(tier: u8) -> PromptView {
-    PromptView {
-        id: "approval:align@2.0.0".to_owned(),
-        version: id("align@2.0.0"),
-        replaces: Some(id("align@1.0.0")),
-        candidate: digest("align@2.0.0"),
-        row_version: 7,
-        evidence: digest("evidence"),
-        policy: digest("policy"),
-        profile: ProfileName::Human,
-        site: None,
-        granted: false,
-        needed: if tier == 2 { 2 } else { 1 },
-        approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
-        deadline_ms: NOW_MS + 1_742_000,
-        valid_until_ms: NOW_MS + 600_000,
-        store_id: "store".to_owned(),
-        asked_ms: NOW_MS - 58_000,
-        tier,
-        author: "ada (unverified)".to_owned(),
-        requester: Requester::Person { name: "tom".to_owned(), key: String::new() },
-        risk: Some(RiskClass {
-            class: Risk::High,
-            causes: [RiskCause::MoreZones, RiskCause::MoreForce, RiskCause::FirstOfAuthor].into(),
-        }),
-        new_permissions: vec!["zone tray".to_owned(), "force 20 N (was 15 N)".to_owned()],
-        changes: Changes {
-            fields: vec![
-                changed("manifest.permissions.max_force_n", Some(15.0.into()), Some(20.0.into())),
-                changed("manifest.permissions.zones", None, Some("tray".into())),
-                changed("params.transit_speed_m_s", Some(0.2.into()), Some(0.25.into())),
-            ],
-            declared: Vec::new(),
-        },
-        conditions: Vec::new(),
-        why: vec!["recovery: fails 9 of 50 fallback drills, the active version 2 of 50".to_owned()],
-        untested: vec![
-            "objects heavier than 0.4 kg".to_owned(),
-            "the conveyor running while the tray is turned".to_owned(),
-        ],
-        on_drift: "align@1.0.0 takes over by itself within 250 ms of a trip".to_owned(),
-        purpose: Purpose::Activation,
-        about: String::new(),
-    }
 }
 
 fn alarm(alarm: &str, priority: Priority, state: AlarmState, text: &str, since_ms: u64) -> AlarmView {

@@ -234,8 +234,8 @@ def depth(value):
     return deepest
 
 
-def body_of(written):
-    """What the body of a record says that is judged."""
+def body_text(written):
+    """The value of a body that is judged: it has one text."""
     if sum(map(written.count, ",[{")) > BODY_MARKS_MAX:
         raise ValueError(f"it has more than {BODY_MARKS_MAX} commas and brackets, and so many are allowed")
     value = parsed(written)
@@ -243,6 +243,12 @@ def body_of(written):
         raise ValueError(f"it has brackets deeper than {BODY_DEPTH_MAX}")
     if json.dumps(value, separators=(",", ":"), ensure_ascii=False, sort_keys=True) != written:
         raise ValueError("it is not as it was written")
+    return value
+
+
+def body_of(written):
+    """What the body of a record says that the store wrote itself."""
+    value = body_text(written)
     fields(value, "change", "rows")
     if not isinstance(value["change"], dict) or not isinstance(value["rows"], list):
         raise ValueError("its fields are not those of its form")

@@ -19,6 +19,7 @@ import sys
 # Whoever verifies leaves nothing beside the verifier.
 sys.dont_write_bytecode = True
 
+import shown
 from curve import is_signed
 from form import (
     DECISIONS, NAME, PROFILES, RECORD, REASON_BYTES_MAX, ROLES, Bad, body_of, digest, digits, fields, is_reason, lines,
@@ -123,13 +124,15 @@ class Head:
 # What the record of an approval tells of it.
 TOLD = (
     "change", "decision", "evidence_digest", "nonce", "not_after_ms", "policy_digest", "profile", "reason", "role",
-    "row_version", "who",
+    "row_version", "shown?", "who",
 )
 
 
 def told_of(subject, change):
     """What a record tells of an approval, in a few bytes."""
-    return hashlib.sha256(json.dumps([subject, *(change[name] for name in TOLD)]).encode()).digest()
+    told = [change[name] for name in TOLD if not name.endswith("?")]
+    told.append(shown.told_of(change.get("shown")))
+    return hashlib.sha256(json.dumps([subject, *told]).encode()).digest()
 
 
 class Approval:
@@ -141,7 +144,9 @@ class Approval:
         approval = fields(
             value["approval"], "who", "role", "decision", "reason", "version", "candidate_digest", "row_version",
             "evidence_digest", "policy_digest", "profile", "store_id", "nonce", "not_after_ms", "break_glass?",
+            "shown?",
         )
+        self.said = approval
         self.nonce, self.store_id, self.reason = approval["nonce"], approval["store_id"], approval["reason"]
         digits(self.nonce, 16)
         self.parts = [
@@ -159,7 +164,12 @@ class Approval:
             text(self.nonce),
             number(approval["not_after_ms"]),
         ]
-        if truth(set_field(approval, "break_glass", False)):
+        alone = truth(set_field(approval, "break_glass", False))
+        self.domain = "holdpoint/approval/v1"
+        if set_field(approval, "shown", None) is not None:
+            self.domain = "holdpoint/approval/v2"
+            self.parts.extend(shown.parts_of(approval["shown"], alone))
+        elif alone:
             self.parts.append(b"break-glass")
         self.told = told_of(approval["version"], {"change": "put-approval", **approval})
 
@@ -170,7 +180,7 @@ class Approval:
             return False
         if len(text(self.reason)) > REASON_BYTES_MAX:
             return False
-        return is_signed(key, self.signature, digest("holdpoint/approval/v1", *self.parts))
+        return is_signed(key, self.signature, digest(self.domain, *self.parts))
 
 
 class Persons:
@@ -353,6 +363,7 @@ class Export:
         self.tree, self.seen, self.spoken_of = Tree(), {}, set()
         self.put, self.lost, self.approvals = {}, set(), []
         self.persons = Persons(header["store_id"])
+        self.shown = shown.Shown()
 
     def take(self, line, value):
         if not isinstance(value, dict) or len(value) != 1:
@@ -412,7 +423,9 @@ class Export:
             self.seen[seq] = (found, self.tree.root())
 
     def take_body(self, record):
-        """What a record says of persons and approvals."""
+        """What a record says of persons, approvals, and what was shown."""
+        if record["kind"] in shown.KINDS:
+            self.shown.take(record)
         if record["kind"] not in TAKEN:
             return
         body = body_of(record["body"])
@@ -436,6 +449,10 @@ class Export:
         word(change["profile"], PROFILES), digits(change["nonce"], 16), text(change["reason"]), text(change["who"])
         digits(change["evidence_digest"], 32), digits(change["policy_digest"], 32)
         number(change["not_after_ms"]), number(change["row_version"])
+        if set_field(change, "shown", None) is not None:
+            put = fields(change["shown"], "facts", "lines", "renderer", "request")
+            digits(put["facts"], 32), digits(put["lines"], 32), digits(put["request"], 16)
+            whole(put["renderer"], 0, 2**32 - 1)
         if change["nonce"] in self.put:
             raise Bad("approval", change["nonce"], "two records speak of it")
         try:
@@ -457,7 +474,7 @@ class Export:
             raise Bad("end", None, f"nobody signed where the audit chain ends, at record {self.seq}")
         if not (self.end is not None and self.end.gap):
             self.check_links()
-        self.check_approvals()
+        self.check_approvals(key)
 
     def check_head(self, what, head, key):
         if head.store_id != self.header["store_id"]:
@@ -501,7 +518,7 @@ class Export:
         if problem:
             raise Bad("end", None, problem)
 
-    def check_approvals(self):
+    def check_approvals(self, key):
         found = set()
         for approval in self.approvals:
             nonce = approval.nonce
@@ -511,11 +528,13 @@ class Export:
                 raise Bad("approval", nonce, "it was made for another store")
             if nonce not in self.put:
                 raise Bad("approval", nonce, "no record speaks of it")
-            key, told = self.put[nonce]
-            if key is not None and text(key) != approval.public_key:
+            own, told = self.put[nonce]
+            if own is not None and text(own) != approval.public_key:
                 raise Bad("approval", nonce, "it was signed with another key than that of who gave it")
             if told != approval.told:
                 raise Bad("approval", nonce, "it is not what its record tells of it")
+            if problem := self.shown.check(approval, key):
+                raise Bad("approval", nonce, problem)
             if nonce in found:
                 raise Bad("approval", nonce, "it is there twice")
             found.add(nonce)

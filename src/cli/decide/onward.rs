@@ -12,10 +12,12 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::cli::side::{Side, running};
 use crate::error::{CliError, Exit};
+use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::question::live_lines;
 use holdpoint_registry::Views;
 
 /// The arguments of `demote`.
@@ -202,10 +204,10 @@ pub(super) fn break_glass(
         let hint = "it is for what people or the calendar hold back after shadow, under sim and real";
         return Err(CliError::held(text).with_hint(hint));
     };
-    check_digest(args.digest.as_deref(), door)?;
-    let shown = shown::told(door, out)?;
+    let (question, bound) = side.question(door, &who.info().name)?;
+    check_digest(args.digest.as_deref(), &bound)?;
+    shown::told(&question.lines, &live_lines(door, &snapshot), out)?;
     let who = passphrase::unlock(who, args.signature.passphrase_file.as_deref())?;
-    let command =
-        door.break_glass(&who, args.signature.reason.raw(), Some(shown)).map_err(CliError::internal)?;
-    side.carry_out(command, out)
+    let command = question.answer(&who, Answer::Approve, args.signature.reason.raw());
+    side.carry_out(command.map_err(CliError::internal)?, out)
 }

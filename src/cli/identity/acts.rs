@@ -126,6 +126,7 @@ impl Register {
                         Err(NotTaken::Refused(refused(code, &text, hint.as_deref())))
                     }
                     Reply::Snapshot { .. }
+                    | Reply::Question { .. }
                     | Reply::Detail { .. }
                     | Reply::Film { .. }
                     | Reply::Registry { .. }

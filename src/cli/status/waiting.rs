@@ -175,6 +175,7 @@ mod tests {
             nonce: Nonce::random().unwrap(),
             not_after_ms: 60_000,
             break_glass: false,
+            shown: None,
         };
         ApprovalEntry { signed: who.sign(approval).unwrap(), consumed_seq, at_ms: 0 }
     }

@@ -10,8 +10,9 @@ use crate::operator::Operator;
 use crate::prompt::PromptAnswer;
 use holdpoint_approvals::keyfile::{KeyError, Protection};
 use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, Passphrase, SealedError, SignedCall};
+use holdpoint_governance::approval::Answer;
 use holdpoint_protocol::command::Command;
-use holdpoint_protocol::snapshot::{Purpose, SigningView};
+use holdpoint_protocol::snapshot::SigningView;
 use holdpoint_text::Problem;
 
 /// Everybody who could sit here; nobody if no identity was made yet.
@@ -60,12 +61,10 @@ pub fn sign(
     passphrase: Option<Passphrase>,
 ) -> Result<Command, Problem> {
     let identity = opened(folder, decision.by(), passphrase)?;
-    let shown = Some(decision.shown().to_owned());
-    let command = match decision.over().purpose {
-        Purpose::Emergency => decision.over().break_glass(&identity, decision.reason(), shown),
-        Purpose::Activation | Purpose::Release | Purpose::Review => {
-            decision.over().answer(&identity, decision.answer(), decision.reason(), shown)
-        }
+    let command = match (decision.question(), decision.answer()) {
+        (Some(question), answer) => question.answer(&identity, answer, decision.reason()),
+        (None, Answer::Reject) => decision.over().refuse(&identity, decision.reason()),
+        (None, Answer::Approve) => return Err(Problem::new("nothing was shown that could be approved")),
     };
     command.map_err(|error| Problem::of(&error))
 }

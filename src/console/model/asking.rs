@@ -23,6 +23,8 @@ pub enum AskedFor {
     Registration,
     /// An operation that a person confirmed.
     Operation,
+    /// A question to people, as who sits here gets it.
+    Question,
     /// A decision that a person signed.
     Decision,
     /// A change of one alarm that needs no reason.

@@ -3,7 +3,7 @@
 use super::{health, operating, overlays, tell};
 use crate::audit::AuditGroup;
 use crate::effect::{Effect, Question};
-use crate::model::{AskedFor, EngineState, HISTORY_PANE, Model, PendingRequest, StopAsked, View};
+use crate::model::{AskedFor, EngineState, HISTORY_PANE, Model, Overlay, PendingRequest, StopAsked, View};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_text::Hint as _;
 
@@ -73,6 +73,23 @@ pub(super) fn stop_again(model: &mut Model) -> Vec<Effect> {
     };
     tell(model, "STOP: the engine answers again; your stop came to nothing and is asked for again", true);
     ask_stop(model, by)
+}
+
+/// Asks for the question of an open prompt as who sits here gets it.
+pub(super) fn question(model: &mut Model) -> Vec<Effect> {
+    let Some(who) = model.seat.operator.as_ref().map(|who| who.name.clone()) else { return Vec::new() };
+    let Some(Overlay::Prompt(prompt)) = &model.entry.overlay else { return Vec::new() };
+    let waits = |id: &str| model.asking.pending.contains_key(id);
+    if model.absence().is_some() || model.settings.read_only || !prompt.wants_question(&who, waits) {
+        return Vec::new();
+    }
+    let (version, purpose) = (prompt.seen.version.clone(), prompt.seen.purpose);
+    let question = Question::Asked { version, purpose, who: who.clone() };
+    let Some(id) = request(model, question.about(), String::new()) else { return Vec::new() };
+    if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay {
+        prompt.asked(who, id.clone());
+    }
+    vec![Effect::Ask { id, question }]
 }
 
 /// Asks something that decides nothing.

@@ -11,6 +11,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_protocol::question::QuestionView;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::words;
 use holdpoint_text::{Hint, Problem, Untrusted};
@@ -226,6 +227,14 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
             about.map(|about| model.asking.asked.remove(&about));
             Vec::new()
         }
+        Reply::Refused { text, hint, .. } if about == Some(AskedFor::Question) => {
+            take_question(model, id, Err(Problem::from((text, hint)).sentence()));
+            Vec::new()
+        }
+        Reply::Question { question } => {
+            take_question(model, id, Ok(question));
+            Vec::new()
+        }
         Reply::Refused { text, hint, .. } => {
             let asked = if asked.is_empty() { asked } else { format!("{asked}: ") };
             tell(model, format!("{asked}{}", Problem::from((text, hint)).sentence()), true);
@@ -262,6 +271,13 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
             model.told.verified = Some(verified);
             if model.place.view == View::Audit { asking::refresh_now(model) } else { Vec::new() }
         }
+    }
+}
+
+/// The question of an open prompt, or why there is none; what was asked for another one is let go.
+fn take_question(model: &mut Model, id: &str, answer: Result<Box<QuestionView>, String>) {
+    if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay {
+        prompt.take(id, answer);
     }
 }
 

@@ -229,7 +229,7 @@ fn choose(model: &mut Model) -> Vec<Effect> {
 fn open_waiting(model: &mut Model) -> Vec<Effect> {
     let prompt = match model.waiting_rows().get(model.row()) {
         Some(WaitingItem::Prompt(question)) => {
-            model.told.snapshot.as_ref().and_then(|snapshot| Prompt::open(question, snapshot, model.now_ms))
+            model.told.snapshot.as_ref().map(|snapshot| Prompt::open(question, snapshot, model.now_ms))
         }
         Some(WaitingItem::Question(question)) => {
             model.place.chosen = Some(question.version.clone());

@@ -247,7 +247,7 @@ pub(super) fn break_glass(model: &mut Model) -> Vec<Effect> {
     };
     let prompt = model.told.snapshot.as_ref().and_then(|snapshot| {
         let question = snapshot.emergencies.iter().find(|question| question.version == id)?;
-        Prompt::open(question, snapshot, model.now_ms)
+        Some(Prompt::open(question, snapshot, model.now_ms))
     });
     match prompt {
         Some(prompt) => {

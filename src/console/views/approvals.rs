@@ -14,13 +14,13 @@ use super::overview::{left, waiting_row};
 use crate::action::Action;
 use crate::look::ThemeRole;
 use crate::model::Model;
-use crate::prompt::Prompt;
 use crate::rows::WaitingItem;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::reason_line;
 use holdpoint_protocol::snapshot::QuestionView;
+use holdpoint_text::Untrusted;
 
 pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     let items = model.waiting_rows();
@@ -40,12 +40,10 @@ pub fn draw(model: &Model, pen: &mut Pen<'_>, area: Rect) {
         WaitingItem::Question(question) => asked(model, question),
         WaitingItem::Prompt(question) => {
             let key = model.keymap.key(Action::Open);
-            let open =
-                model.told.snapshot.as_deref().and_then(|now| Prompt::open(question, now, model.now_ms));
             let mut lines =
                 vec![(ThemeRole::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
-            let text = open.map(|prompt| prompt.text()).unwrap_or_default();
-            lines.extend(text.into_iter().map(|line| (ThemeRole::Text, line)));
+            let safe = |line: &String| Untrusted::new(line.clone()).line().into_string();
+            lines.extend(question.lines.iter().map(|line| (ThemeRole::Text, safe(line))));
             lines
         }
     };

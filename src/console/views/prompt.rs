@@ -69,9 +69,18 @@ fn laid_out(prompt: &Prompt, look: &Look, area: Rect) -> OnScreen {
 }
 
 /// Every line of the decision, wrapped; what goes on from the line before stands further in. Where that is more
-/// than `room` rows, short lines share one.
+/// than `room` rows, short lines share one. What is live and not signed comes last, apart from them.
 #[must_use]
 pub fn lines(prompt: &Prompt, width: usize, room: usize, between: &str) -> Vec<TextRow> {
+    // They are no lines of the decision: none of these has to be read.
+    let none = (usize::MAX, usize::MAX);
+    let live = hanging(&prompt.live.join(between), none, width);
+    let mut rows = signed_lines(prompt, width, room.saturating_sub(live.len()), between);
+    rows.extend(live);
+    rows
+}
+
+fn signed_lines(prompt: &Prompt, width: usize, room: usize, between: &str) -> Vec<TextRow> {
     let text = prompt.text();
     let alone = text.iter().enumerate().map(|(at, line)| (line.clone(), (at, at + 1)));
     let wrapped: Vec<TextRow> =

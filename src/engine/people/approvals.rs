@@ -12,15 +12,10 @@ use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::{
     self, Answer, ApprovalOutcome, ApprovalResult, SignatureCheck, Subject, Vote,
 };
-use holdpoint_governance::composition::Kappas;
-use holdpoint_governance::condition::Condition;
-use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
-use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::strictness::Strictness;
 use holdpoint_governance::submission::Provenance;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -39,14 +34,16 @@ use crate::view::why;
 pub(super) use question::NewQuestion;
 pub use question::PendingQuestion;
 
-pub use super::signers::SHOWN_BYTES_MAX;
-use super::signers::{shown_record, signer};
+use super::asking::{self, Requests};
+use super::signers::signer;
 
 #[derive(Default)]
 pub struct Approvals {
     prompts: BTreeMap<CapabilityId, PendingQuestion>,
     /// Approved, and waiting for the end of a sequence.
     granted: BTreeSet<CapabilityId>,
+    /// Who was shown which question.
+    pub(super) requests: Requests,
 }
 
 impl Approvals {
@@ -59,7 +56,9 @@ impl Approvals {
     /// Takes the question about a version away: it is answered, or void.
     pub fn close(&mut self, id: &CapabilityId) -> Option<PendingQuestion> {
         self.granted.remove(id);
-        self.prompts.remove(id)
+        let closed = self.prompts.remove(id)?;
+        self.requests.close(&closed.id);
+        Some(closed)
     }
 
     /// Remembers that a version takes over when the sequence that runs is over.
@@ -260,8 +259,8 @@ impl Approvals {
         });
     }
 
-    /// Takes one signed decision, with what was on the screen; says what asking came to by it. What does not fit the
-    /// question is refused and changes nothing.
+    /// Takes one signed decision; says what asking came to by it. What does not fit the question, or is over something
+    /// else than its person would be shown now, is refused and changes nothing.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -269,19 +268,19 @@ impl Approvals {
         &mut self,
         context: &Context,
         record: &mut Record,
+        dossiers: &Dossiers,
         signed: SignedApproval,
-        shown: Option<&str>,
     ) -> Result<Result<ApprovalResult, Reply>, Fault> {
         let said = signed.approval().clone();
         let id = said.version.clone();
         let refuse = |code, text: String, hint: Option<&str>| {
             Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
         };
-        let identity = match signer(context, record, &signed, shown) {
+        let identity = match signer(context, record, &signed) {
             Ok(identity) => identity,
             Err(refused) => return Ok(Err(refused)),
         };
-        let Some(prompt) = self.prompts.get_mut(&id) else {
+        let Some(prompt) = self.prompts.get(&id) else {
             let text = format!("nothing waits for a decision on {id}");
             return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
         };
@@ -306,13 +305,18 @@ impl Approvals {
                 "`holdpoint status` shows whom it waits for; another answer of the same person is taken";
             return refuse(Refusal::NotAllowed, text, Some(hint));
         }
+        let shown = match self.shown_now(context, record, dossiers, prompt, &said)? {
+            Ok(shown) => shown,
+            Err(refused) => return Ok(Err(refused)),
+        };
         #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
         let expires_s = said.not_after_ms as f64 / 1000.0;
-        let mut records = Vec::new();
-        if let Some(shown) = shown {
-            records.push(shown_record(&id, &said.who, said.nonce.as_str(), shown)?);
-        }
+        let records = shown.iter().map(|shown| shown.record(&said)).collect::<Result<Vec<_>, _>>()?;
         record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
+        let Some(prompt) = self.prompts.get_mut(&id) else {
+            return Err(Fault::Impossible(format!("the question about {id} closed while it was answered")));
+        };
+        self.requests.answered(&prompt.id, &said.who);
         prompt.votes.push(Vote {
             person: said.who.clone(),
             key: signed.public_key().to_owned(),
@@ -437,46 +441,17 @@ pub(super) fn view(
         changes: dossier.changes.clone(),
         conditions: dossier.conditions.iter().map(ToString::to_string).collect(),
         why: why::in_short(dossier),
-        untested: untested(dossier),
+        untested: asking::untested(dossier).iter().map(ToString::to_string).collect(),
         on_drift: match prompt.purpose {
             Purpose::Activation | Purpose::Emergency => {
-                on_drift(context, prompt, &dossier.conditions, dossiers.has_open_doubt(id))
+                asking::on_drift(context, prompt, dossier, dossiers.has_open_doubt(id)).to_string()
             }
             Purpose::Release | Purpose::Review => prompt.about.clone(),
         },
         purpose: prompt.purpose,
         about: prompt.about.clone(),
+        lines: asking::overview(context, record, dossiers, id, prompt),
     }
-}
-
-/// What happens when a version gets worse after its activation, and what confirms it.
-fn on_drift(context: &Context, prompt: &PendingQuestion, conditions: &[Condition], in_doubt: bool) -> String {
-    let (monitor, window) = (&context.profile.monitor, context.profile.activation.provisional_episodes);
-    let back = prompt.replaces.as_ref().map_or_else(
-        || "it is taken off and the family stops, for there is no way back".to_owned(),
-        |id| format!("{id} takes over again"),
-    );
-    let watch = Strictness::of(conditions);
-    let limits = if watch.factor() < 1.0 { format!("; {}", watch.limits(monitor)) } else { String::new() };
-    let confirmed = confirmed_after(window, in_doubt);
-    if watch.coupled() {
-        return format!(
-            "after a safety event or the first warning of a chart {back}, and nobody is asked; {confirmed}{limits}"
-        );
-    }
-    let share = 100.0 * monitor.restrict_factor;
-    format!(
-        "after a safety event or an established rise of a rate {back}; a drifting rate lowers speed and force to \
-         {share:.0} % and asks people, for {:.0} s; {confirmed}{limits}",
-        monitor.escalation_deadline_s
-    )
-}
-
-/// The live window alone settles no doubt.
-fn confirmed_after(window: u32, in_doubt: bool) -> String {
-    let settled =
-        if in_doubt { " and once the doubt it is let in with is settled on fresh evidence" } else { "" };
-    format!("confirmed after {window} live tasks{settled}")
 }
 
 /// Whole milliseconds of a span; profiles hold finite, bounded, non-negative times.
@@ -498,61 +473,9 @@ pub(super) const fn tier(profile: ProfileName, quorum: u8, review: bool) -> u8 {
     }
 }
 
-/// What was not measured, one sentence each.
-pub(crate) fn untested(dossier: &Dossier) -> Vec<String> {
-    let mut said =
-        vec!["It was not tried on a physical arm: everything was measured in simulation".to_owned()];
-    match &dossier.kappas {
-        None => said.push("Nothing was assessed yet".to_owned()),
-        Some(kappas) => said.extend(estimates(kappas)),
-    }
-    if dossier.pairs.is_empty() {
-        said.push("It was not compared with the active version episode by episode".to_owned());
-    }
-    for kind in DrillKind::ALL {
-        let feasible = dossier.drills.map_or(0, |(candidate, _)| candidate.of(kind).feasible());
-        if feasible == 0 {
-            said.push(format!("No {} drill was carried out with it", kind.name()));
-        }
-    }
-    if dossier.twins.is_empty() {
-        said.push("It was not run in a twin of the live world".to_owned());
-    }
-    said
-}
-
-fn estimates(kappas: &Kappas) -> Vec<String> {
-    fn of<O>(name: &str, assessment: &Assessment<O>) -> Option<String> {
-        let text = match (assessment.basis, assessment.kappa) {
-            (Basis::Measured, Some(_)) => return None,
-            (_, None) => format!("There is no value for {name}: it was not measured"),
-            (Basis::Estimated, Some(_)) => format!("The value for {name} is an estimate, not measured"),
-        };
-        Some(text)
-    }
-    [
-        of("interface compatibility", &kappas.interface),
-        of("policy compatibility", &kappas.policy),
-        of("behaviour", &kappas.behavior),
-        of("recovery", &kappas.recovery),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_governance::evidence::{DrillTally, Drills};
-
-    /// Such a version was confirmed hundreds of tasks later than the question had said.
-    #[test]
-    fn a_doubt_is_settled_before_a_confirmation() {
-        assert_eq!(confirmed_after(100, false), "confirmed after 100 live tasks");
-        let doubtful = confirmed_after(100, true);
-        assert!(doubtful.starts_with("confirmed after 100 live tasks and once the doubt"), "{doubtful}");
-    }
 
     #[test]
     fn friction_follows_profile_and_quorum() {
@@ -568,20 +491,5 @@ mod tests {
         ] {
             assert_eq!(tier(profile, quorum, review), expected, "{profile:?} {quorum} {review}");
         }
-    }
-
-    #[test]
-    fn what_was_not_tested_is_said() {
-        let mut dossier = Dossier::default();
-        let nothing = untested(&dossier);
-        assert!(nothing.iter().any(|text| text.contains("rollback drill")), "{nothing:?}");
-        assert!(nothing.iter().any(|text| text.contains("twin")), "{nothing:?}");
-        let ran = DrillTally { passed: 1, failed: 0, infeasible: 0 };
-        let candidate = Drills { rollback: ran, ..Drills::default() };
-        dossier.drills = Some((candidate, Drills::default()));
-        let some = untested(&dossier);
-        assert!(!some.iter().any(|text| text.contains("rollback drill")), "{some:?}");
-        assert!(some.iter().any(|text| text.contains("abort drill")), "{some:?}");
-        assert!(some.iter().any(|text| text.contains("physical arm")), "{some:?}");
     }
 }

@@ -17,6 +17,7 @@ use holdpoint_registry::{ApprovalRequest, Change};
 use holdpoint_text::is_visible;
 
 use super::approvals::{Approvals, NewQuestion, PendingQuestion, closing_note, secs_to_ms, tier, view};
+use super::asking::Shown;
 use super::signers::signer;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
@@ -27,6 +28,8 @@ use crate::record::Record;
 /// An emergency approval that the rules count, and until when it holds.
 pub(crate) struct Emergency {
     pub(crate) signed: SignedApproval,
+    /// What they were shown.
+    pub(crate) shown: Shown,
     pub(crate) result: ApprovalResult,
     /// Virtual time by which it has to be reviewed, ms.
     pub(crate) until_ms: u64,
@@ -39,7 +42,7 @@ fn broken_by(record: &Record, id: &CapabilityId) -> Result<Option<SignedApproval
 }
 
 /// What an emergency approval of a version has to be signed over now; absent if the door is not for it.
-fn door(
+pub(super) fn door(
     context: &Context,
     record: &Record,
     dossiers: &Dossiers,
@@ -47,7 +50,7 @@ fn door(
 ) -> Option<PendingQuestion> {
     let settings = context.profile.approval;
     let entry = record.ledger().family(&id.family).ok()?;
-    let (_, standing, _) = entry.find(id)?;
+    let (_, standing, member) = entry.find(id)?;
     let stands = standing.state == State::Shadowed
         && !standing.flags.paused
         && matches!(standing.flags.running, None | Some(Stage::Activation));
@@ -61,7 +64,7 @@ fn door(
     let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.break_glass_valid_s));
     let risk = origin::assessed_risk(dossier);
     let asked = NewQuestion {
-        id: format!("{}-{}-emergency", id.family, id.version),
+        id: format!("{}-{}-{}-emergency", id.family, id.version, member.row_version),
         purpose: Purpose::Emergency,
         about: String::new(),
         asked_by: None,
@@ -97,17 +100,23 @@ pub(crate) fn views(context: &Context, record: &Record, dossiers: &Dossiers) -> 
 }
 
 /// Holds an emergency approval against everything it has to be. Changes nothing.
+///
+/// # Errors
+/// If the version cannot be read.
 pub(crate) fn check(
     context: &Context,
     record: &Record,
     dossiers: &Dossiers,
+    approvals: &Approvals,
     signed: SignedApproval,
-    shown: Option<&str>,
-) -> Result<Emergency, Reply> {
+) -> Result<Result<Emergency, Reply>, Fault> {
     let refuse = |code, text: String, hint: Option<&str>| {
-        Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) })
+        Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
     };
-    let identity = signer(context, record, &signed, shown)?;
+    let identity = match signer(context, record, &signed) {
+        Ok(identity) => identity,
+        Err(refused) => return Ok(Err(refused)),
+    };
     let said = signed.approval().clone();
     let (id, settings) = (&said.version, context.profile.approval);
     if !settings.break_glass {
@@ -153,8 +162,15 @@ pub(crate) fn check(
         let why = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
         return refuse(Refusal::NotAllowed, format!("{id} is not let in: {why}"), None);
     }
+    let shown = match approvals.shown_now(context, record, dossiers, &question, signed.approval())? {
+        Ok(Some(shown)) => shown,
+        Ok(None) => {
+            return refuse(Refusal::BadInput, "it is signed over nothing that was shown".to_owned(), None);
+        }
+        Err(refused) => return Ok(Err(refused)),
+    };
     let until_ms = said.not_after_ms.min(question.deadline_ms);
-    Ok(Emergency { signed, result, until_ms })
+    Ok(Ok(Emergency { signed, shown, result, until_ms }))
 }
 
 impl Approvals {

@@ -1,21 +1,15 @@
-//! Who signed a decision, and what was on the screen then.
+//! Who signed a decision, and whether they may.
 
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, IdentityInfo, PersonState, Persons, SignedApproval};
 use holdpoint_governance::approval::Answer;
-use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_registry::AuditBody;
 use holdpoint_text::{Hint, is_visible};
 
 use super::persons::unconfirmed;
 use crate::context::Context;
-use crate::fault::Fault;
 use crate::record::Record;
-
-/// The longest text of a screen that is kept with a decision, bytes.
-pub const SHOWN_BYTES_MAX: usize = 16 * 1024;
 
 /// Who signed a decision, if the store knows the person, the signature holds, and everything is there that the profile
 /// asks for.
@@ -23,14 +17,8 @@ pub(crate) fn signer(
     context: &Context,
     record: &Record,
     signed: &SignedApproval,
-    shown: Option<&str>,
 ) -> Result<IdentityInfo, Reply> {
     let refuse = |code, text: String, hint: Option<String>| Err(Reply::Refused { code, text, hint });
-    if let Some(text) = shown.filter(|text| text.len() > SHOWN_BYTES_MAX) {
-        let text =
-            format!("the text of the screen has {} bytes; at most {SHOWN_BYTES_MAX} are allowed", text.len());
-        return refuse(Refusal::BadInput, text, None);
-    }
     if !is_visible(&signed.approval().reason) {
         let text = "a decision needs a reason that can be read".to_owned();
         return refuse(Refusal::BadInput, text, None);
@@ -48,11 +36,6 @@ pub(crate) fn signer(
     let approves = signed.approval().decision == Answer::Approve;
     if approves && context.asks_people() && !record.clock().is_scripted() {
         let profile = context.profile.name.name();
-        if !shown.is_some_and(is_visible) {
-            let text = format!("an approval under the profile {profile} takes what was shown, word for word");
-            let hint = "`holdpoint approve` and the console send it; see the guide on the socket";
-            return refuse(Refusal::BadInput, text, Some(hint.to_owned()));
-        }
         match Identity::protection(&folder, &identity.name) {
             Ok(Protection::Passphrase | Protection::Elsewhere) => {}
             Ok(Protection::None) => {
@@ -105,18 +88,5 @@ pub(crate) fn way_back(record: &Record, id: &CapabilityId) -> Option<CapabilityI
     entry.members.get(usize::from(back.0)).map(|member| member.capability.id())
 }
 
-/// The record of what somebody had on the screen when deciding.
-pub(crate) fn shown_record(
-    id: &CapabilityId,
-    who: &str,
-    nonce: &str,
-    shown: &str,
-) -> Result<AuditBody, Fault> {
-    let digest = Digest::of_parts("holdpoint.shown.v1", &[shown.as_bytes()]);
-    let body = serde_json::json!({ "by": who, "nonce": nonce, "digest": digest, "text": shown });
-    let body = serde_json::to_string(&body)?;
-    Ok(AuditBody { kind: RecordKind::Shown, subject: id.to_string(), body })
-}
-
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -16,6 +16,7 @@ use crate::stages::{emergency, monitoring, release};
 use crate::view::lookup;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmError, AlarmEvent, AlarmKey};
+use holdpoint_governance::approval::Answer;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Leave, LifecycleEvent, Stage, State};
@@ -130,7 +131,10 @@ impl Pipeline {
                 let signer = signer.map(|signer| (signer.name.as_str(), signer.seal.public_key()));
                 operations::register(context, record, &name, package, (signer, by.as_deref()))
             }
-            Command::Decide { signed, shown } => self.decide(*signed, shown.as_deref()),
+            Command::Question { version, purpose, who } => {
+                self.approvals.question(context, record, dossiers, (&version, purpose), &who)
+            }
+            Command::Decide { signed } => self.decide(*signed),
             Command::Person { signed } => persons::carry_out(context, record, &mut self.approvals, *signed),
             Command::Reject(operation) => self.operator_reject(&operation),
             Command::Rollback(operation) => {
@@ -275,12 +279,21 @@ impl Pipeline {
     }
 
     /// A signed decision, by what was asked.
-    fn decide(&mut self, signed: SignedApproval, shown: Option<&str>) -> Result<Reply, Fault> {
+    fn decide(&mut self, signed: SignedApproval) -> Result<Reply, Fault> {
         if signed.approval().break_glass {
-            return self.activation().break_glass(signed, shown);
+            return self.activation().break_glass(signed);
         }
         let id = signed.approval().version.clone();
-        let result = match self.approvals.vote(&self.context, &mut self.record, signed, shown)? {
+        // A refusal is not kept out by what others answered.
+        if signed.approval().decision == Answer::Approve && self.activation().void_outdated(&id)? {
+            return Ok(Reply::Refused {
+                code: Refusal::Stale,
+                text: format!("what people were shown of {id} has changed since; they are asked again"),
+                hint: Some("look at the question again and decide again".to_owned()),
+            });
+        }
+        let Self { context, record, dossiers, .. } = self;
+        let result = match self.approvals.vote(context, record, dossiers, signed)? {
             Ok(result) => result,
             Err(refused) => return Ok(refused),
         };

@@ -56,7 +56,7 @@ impl Pipeline {
                 let asked = self.monitors.has_question(&operation.version);
                 if asked { Timing::Stop } else { Timing::Between }
             }
-            Command::Decide { signed, .. } => self.decision_timing(signed.approval()),
+            Command::Decide { signed } => self.decision_timing(signed.approval()),
             Command::Drift { .. } | Command::LiveFault { .. } | Command::Goal { .. } | Command::Go { .. } => {
                 Timing::Between
             }
@@ -81,6 +81,7 @@ impl Pipeline {
             | Command::Stop { .. }
             | Command::Note { .. }
             | Command::Pace { .. }
+            | Command::Question { .. }
             | Command::Detail { .. }
             | Command::Film { .. }
             | Command::Registry { .. }

@@ -8,6 +8,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::event::EventKind;
 
 use crate::people::persons::{enrolled, loosened};
+use crate::people::signers::tests::signed;
 use crate::pipeline::Pipeline;
 use crate::tests::{accepted, asked, at_the_gate, pipeline};
 
@@ -19,7 +20,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     asked(&mut first, PolicyOutcome::Review, Vec::new());
     let mut before = first.snapshot().prompts;
     let ana = enrolled(first.live().record, "ana", Role::Engineer, Keep::Plain);
-    let answer = before[0].answer(&ana, Answer::Approve, "evidence read", None).unwrap();
+    let answer = signed(&mut first, &before[0], &ana, Answer::Approve).unwrap();
     accepted(&first.command(answer));
     before[0].approved_by = vec!["ana".to_owned()];
     assert!(before[0].needed > 1, "one answer is not enough");

@@ -216,7 +216,22 @@ impl Activation<'_> {
         Ok(true)
     }
 
+    /// A question is void if somebody who answered it would be shown something else now. Tells whether it was.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn void_outdated(&mut self, id: &CapabilityId) -> Result<bool, Fault> {
+        let is_outdated = self.approvals.is_outdated(self.context, self.record, self.dossiers, id)?;
+        if is_outdated {
+            self.void(id, "what people were shown has changed since")?;
+        }
+        Ok(is_outdated)
+    }
+
     fn settle_now(&mut self, id: &CapabilityId) -> Result<(), Fault> {
+        if self.void_outdated(id)? {
+            return Ok(());
+        }
         let Some(prompt) = self.approvals.of(id) else { return Ok(()) };
         let result = prompt.result(self.context, self.record.now_s());
         self.settle(id, &result)?;

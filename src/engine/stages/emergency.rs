@@ -25,21 +25,16 @@ use crate::fault::Fault;
 use crate::ledger::Note;
 use crate::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::people::emergencies;
-use crate::people::signers::shown_record;
 
 impl Activation<'_> {
     /// One person lets a version in by the emergency door. What is refused has changed nothing.
     ///
     /// # Errors
     /// If what it comes to cannot be written.
-    pub(crate) fn break_glass(
-        &mut self,
-        signed: SignedApproval,
-        shown: Option<&str>,
-    ) -> Result<Reply, Fault> {
+    pub(crate) fn break_glass(&mut self, signed: SignedApproval) -> Result<Reply, Fault> {
         // Before anything is written.
         self.agent.check()?;
-        let checked = emergencies::check(self.context, self.record, self.dossiers, signed, shown);
+        let checked = emergencies::check(self.context, self.record, self.dossiers, self.approvals, signed)?;
         let emergency = match checked {
             Ok(emergency) => emergency,
             Err(refused) => return Ok(refused),
@@ -57,11 +52,10 @@ impl Activation<'_> {
         let (version, standing, _) = self.record.ledger().version(&id)?;
         let (running, asked) = (standing.flags.running, standing.flags.awaiting_approval);
         let body = serde_json::json!({ "by": said.who, "reason": said.reason, "until_ms": until_ms });
-        let mut records =
-            vec![AuditBody { kind: RecordKind::BreakGlass, subject: id.to_string(), body: body.to_string() }];
-        if let Some(shown) = shown {
-            records.push(shown_record(&id, &said.who, said.nonce.as_str(), shown)?);
-        }
+        let records = vec![
+            AuditBody { kind: RecordKind::BreakGlass, subject: id.to_string(), body: body.to_string() },
+            emergency.shown.record(&said)?,
+        ];
         self.record.write(vec![Change::PutApproval(Box::new(emergency.signed.clone()))], records)?;
         self.record.tell(EventKind::BreakGlass {
             version: id.clone(),

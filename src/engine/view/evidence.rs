@@ -129,7 +129,7 @@ pub(super) fn drills(dossier: &Dossier) -> Vec<DrillView> {
 }
 
 /// Paired episodes so far.
-pub(super) fn pairs(dossier: &Dossier) -> Option<PairsView> {
+pub(crate) fn pairs(dossier: &Dossier) -> Option<PairsView> {
     let n = dossier.pairs.len() as u64;
     let active = behavior::signature(dossier.pairs.iter().map(|pair| &pair.active))?;
     let candidate = behavior::signature(dossier.pairs.iter().map(|pair| &pair.candidate))?;
@@ -147,7 +147,7 @@ pub(super) fn pairs(dossier: &Dossier) -> Option<PairsView> {
 }
 
 #[allow(clippy::cast_precision_loss, reason = "sequences are few")]
-pub(super) fn shadow(dossier: &Dossier, limits: &Evaluation) -> Option<ShadowView> {
+pub(crate) fn shadow(dossier: &Dossier, limits: &Evaluation) -> Option<ShadowView> {
     let sequences = &dossier.sequences;
     let n = sequences.len() as f64;
     if sequences.is_empty() {

@@ -161,7 +161,11 @@ pub(crate) fn detail(
         decisions: explained.map_or_else(Vec::new, |all| all.decisions),
         audit,
         evidence: if assessed { Some(dossier.digest()?) } else { None },
-        untested: if assessed { crate::people::approvals::untested(&dossier) } else { Vec::new() },
+        untested: if assessed {
+            crate::people::asking::untested(&dossier).iter().map(ToString::to_string).collect()
+        } else {
+            Vec::new()
+        },
     };
     Ok(Reply::Detail { detail: Box::new(detail) })
 }

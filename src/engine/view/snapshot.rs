@@ -1,9 +1,7 @@
 //! The snapshot: how things stand.
 
-use std::collections::BTreeSet;
-
 use super::evidence::{pairs, shadow};
-use crate::binding::binding;
+use crate::binding::stale_causes;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
 use crate::kept_clock::wall_ms;
@@ -15,10 +13,8 @@ use crate::people::signed_calls::SignedCalls;
 use crate::record::Record;
 use crate::world::{self, LiveWorld};
 use holdpoint_governance::alarms::Alarm;
-use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot};
-use holdpoint_runtime::capability::Capability;
 
 /// What a snapshot is taken of.
 pub(crate) struct SnapshotView<'a> {
@@ -74,7 +70,13 @@ impl SnapshotView<'_> {
                     deployment: dossier.deployment,
                     held: dossier.held,
                     closed: version.closed.union(&dossier.closed).copied().collect(),
-                    stale: self.stale(&member.capability, version.state, dossier),
+                    stale: stale_causes(
+                        self.context,
+                        self.record.ledger(),
+                        &member.capability,
+                        version.state,
+                        dossier,
+                    ),
                 });
             }
         }
@@ -105,25 +107,6 @@ impl SnapshotView<'_> {
             seats: Vec::new(),
             ends_alone_s: None,
         }
-    }
-
-    /// Why what was measured of a version does not count any more. Of history nothing counts; whoever took over was
-    /// compared with the one before, beside those of then.
-    fn stale(&self, of: &Capability, state: State, dossier: &Dossier) -> Vec<StaleCause> {
-        if dossier.bindings.is_empty() || state.is_terminal() {
-            return Vec::new();
-        }
-        let now = binding(self.context, self.record.ledger(), of);
-        let took_over = matches!(state, State::Active | State::Superseded);
-        let stale: BTreeSet<StaleCause> = dossier
-            .bindings
-            .iter()
-            .flat_map(|then| then.stale_against(&now))
-            .filter(|cause| {
-                !(took_over && matches!(cause, StaleCause::ActiveVersion | StaleCause::Neighbours))
-            })
-            .collect();
-        stale.into_iter().collect()
     }
 
     fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &FamilyEntry) -> FamilyView {

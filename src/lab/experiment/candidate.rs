@@ -325,6 +325,7 @@ impl Drive<'_> {
         match self.pump.submit(request) {
             Reply::Accepted { .. }
             | Reply::Snapshot { .. }
+            | Reply::Question { .. }
             | Reply::Detail { .. }
             | Reply::Film { .. }
             | Reply::Registry { .. }
@@ -364,7 +365,7 @@ impl Drive<'_> {
                 }
                 let decision = Answer::Approve;
                 let command =
-                    approver::answer(self.pump.engine(), &prompt, who, decision, "agrees to everything")
+                    approver::answer(&mut self.pump, &prompt, who, decision, "agrees to everything")
                         .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
                 self.submit(command)?;
                 continue;

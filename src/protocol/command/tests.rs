@@ -39,6 +39,7 @@ fn commands() -> Vec<Value> {
         json!({ "command": "goal", "goal": "grasp", "by": "ana", "reason": "r" }),
         json!({ "command": "pace", "times": null }),
         json!({ "command": "detail", "version": "grasp@1.0.0" }),
+        json!({ "command": "question", "version": "grasp@1.0.0", "purpose": "activation", "who": "ana" }),
         json!({ "command": "film", "version": "grasp@1.0.0", "asked": { "of": "drill", "number": 3 } }),
         json!({ "command": "registry", "group": "all", "text": "", "offset": 0, "limit": 1 }),
         json!({ "command": "audit", "before": null, "subject": "", "limit": 1 }),
@@ -65,7 +66,7 @@ fn decision() -> Value {
         "policy_digest": digest, "profile": "human", "store_id": "s", "nonce": "b".repeat(32),
         "not_after_ms": 1, "break_glass": false });
     let signed = json!({ "approval": approval, "public_key": "", "signature": "" });
-    json!({ "command": "decide", "signed": signed, "shown": null })
+    json!({ "command": "decide", "signed": signed })
 }
 
 /// Every command there is, and what it does to authority.
@@ -73,7 +74,7 @@ fn decision() -> Value {
 fn every_command_reads_gives_takes_or_does_neither() {
     use super::{Authority, Command};
     let classes = [
-        (Authority::Reads, "audit detail film health registry snapshot verify-audit"),
+        (Authority::Reads, "audit detail film health question registry snapshot verify-audit"),
         (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
         (Authority::Gives, "continue go goal rearm register release repeat reset-alarm resume shelve-alarm"),
         (Authority::SignedItself, "decide person"),

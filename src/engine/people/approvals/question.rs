@@ -188,6 +188,7 @@ mod tests {
                 nonce: Nonce::random().unwrap(),
                 not_after_ms,
                 break_glass: false,
+                shown: None,
             })
             .unwrap()
         };

@@ -10,6 +10,7 @@ use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::origin;
+use crate::people::asking::is_as_shown;
 use crate::people::persons::unconfirmed;
 use crate::record::Record;
 use crate::stages::activation::gate;
@@ -89,7 +90,9 @@ impl Approvals {
             };
             let who = persons.named(&said.who).filter(counts);
             let Some(who) = who.map(holdpoint_approvals::Person::info) else { continue };
-            if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() {
+            // What was given over something else than is shown now is asked for again.
+            let over_this = is_as_shown(context, record, dossiers, &prompt, &said)?;
+            if entry.consumed_seq.is_some() || entry.signed.verify(&who).is_err() || !over_this {
                 continue;
             }
             prompt.votes.push(Vote {

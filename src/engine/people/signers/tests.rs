@@ -4,16 +4,18 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use holdpoint_approvals::keyfile::{self, Keep};
-use holdpoint_approvals::{Cost, Passphrase, SignedPersonAct};
+use holdpoint_approvals::{Approval, Cost, Nonce, Passphrase, SignedPersonAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
+use holdpoint_protocol::question::QuestionView;
 use holdpoint_protocol::snapshot::PromptView;
 
 use super::*;
 use crate::people::persons::{enrolled, guarded};
+use crate::pipeline::Pipeline;
 use crate::stages::activation::tests::{asked, package};
 use crate::stages::rollback::tests::Bench;
 
@@ -62,14 +64,36 @@ fn done(reply: &Reply) {
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
-fn say(bench: &mut Bench, who: &Identity, answer: Answer, shown: Option<&str>) -> Reply {
-    let prompt = bench.pipeline.snapshot().prompts.remove(0);
-    let command = prompt.answer(who, answer, "evidence read", shown.map(ToOwned::to_owned)).unwrap();
-    bench.pipeline.command(command)
+/// An open question as `who` gets it; else the refusal.
+pub(crate) fn question(pipeline: &mut Pipeline, open: &PromptView, who: &str) -> Result<QuestionView, Reply> {
+    let (version, purpose) = (open.version.clone(), open.purpose);
+    match pipeline.command(Command::Question { version, purpose, who: who.to_owned() }) {
+        Reply::Question { question } => Ok(*question),
+        other => Err(other),
+    }
 }
 
-fn approve(bench: &mut Bench, who: &Identity, shown: Option<&str>) -> Reply {
-    say(bench, who, Answer::Approve, shown)
+/// The command by which somebody answers an open question that they were shown; else the refusal.
+pub(crate) fn signed(
+    pipeline: &mut Pipeline,
+    open: &PromptView,
+    who: &Identity,
+    answer: Answer,
+) -> Result<Command, Reply> {
+    let question = question(pipeline, open, &who.info().name)?;
+    Ok(question.answer(who, answer, "evidence read").unwrap())
+}
+
+fn say(bench: &mut Bench, who: &Identity, answer: Answer) -> Reply {
+    let open = bench.pipeline.snapshot().prompts.remove(0);
+    match signed(&mut bench.pipeline, &open, who, answer) {
+        Ok(command) => bench.pipeline.command(command),
+        Err(refused) => refused,
+    }
+}
+
+fn approve(bench: &mut Bench, who: &Identity) -> Reply {
+    say(bench, who, Answer::Approve)
 }
 
 #[track_caller]
@@ -86,12 +110,12 @@ fn refused(reply: &Reply, said: &[&str]) {
 fn an_unprotected_key_approves_nothing_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, false);
     let ann = plain(&mut bench, "ann");
-    let reply = approve(&mut bench, &ann, Some("all of it"));
+    let reply = approve(&mut bench, &ann);
     refused(&reply, &["the key of ann has no passphrase", "`holdpoint identity passphrase ann` sets one"]);
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // The same key under a passphrase, by the way that the refusal names.
     ann.keep(&folder, Keep::Sealed(&words(), Cost::LEAST)).unwrap();
-    let reply = approve(&mut bench, &ann, Some("all of it"));
+    let reply = approve(&mut bench, &ann);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
@@ -102,25 +126,89 @@ fn a_key_file_that_others_can_read_or_that_is_none_approves_nothing() {
     let ann = protected(&mut bench, "ann");
     let file = folder.join("ann.key");
     fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
-    refused(&approve(&mut bench, &ann, Some("all of it")), &["mode 0640", "chmod 600"]);
+    refused(&approve(&mut bench, &ann), &["mode 0640", "chmod 600"]);
     fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
     fs::write(&file, "holdpoint-key 1\n").unwrap();
-    refused(&approve(&mut bench, &ann, Some("all of it")), &["ann.key", "kdf"]);
+    refused(&approve(&mut bench, &ann), &["ann.key", "kdf"]);
     // A key that is kept elsewhere is accepted: nothing is known of how.
     fs::remove_file(&file).unwrap();
-    let reply = approve(&mut bench, &ann, Some("all of it"));
+    let reply = approve(&mut bench, &ann);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
+/// What earlier versions signed said nothing of what was shown. A refusal stands without.
 #[test]
-fn an_approval_takes_what_was_shown_where_people_decide() {
-    let (mut bench, _) = waiting(ProfileName::Human, false);
-    let ann = protected(&mut bench, "ann");
-    for shown in [None, Some(""), Some(" \u{200b}\n")] {
-        refused(&approve(&mut bench, &ann, shown), &["takes what was shown"]);
+fn an_approval_takes_what_was_shown_and_a_refusal_does_not() {
+    for (profile, scripted) in [(ProfileName::Human, false), (ProfileName::Human, true)] {
+        let (mut bench, _) = waiting(profile, scripted);
+        let ann = protected(&mut bench, "ann");
+        let open = bench.pipeline.snapshot().prompts.remove(0);
+        let shown = question(&mut bench.pipeline, &open, "ann").unwrap();
+        let Command::Decide { signed } = shown.answer(&ann, Answer::Approve, "read").unwrap() else {
+            panic!("a decision")
+        };
+        let said = Approval { shown: None, ..signed.approval().clone() };
+        let without = ann.sign(said).unwrap();
+        let reply = bench.pipeline.command(Command::Decide { signed: Box::new(without) });
+        refused(&reply, &["signed over nothing that was shown"]);
+        done(&bench.pipeline.command(open.refuse(&ann, "not today").unwrap()));
     }
-    let reply = approve(&mut bench, &ann, Some("all of it"));
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+/// A decision that the person signed over something else than the engine put to them: each part of it by itself.
+#[test]
+fn an_answer_over_anything_else_than_was_asked_is_refused() {
+    type Edit = fn(&mut QuestionView, &QuestionView);
+    let edits: [(&str, Edit, &str); 9] = [
+        ("a line is altered", |ours, _| ours.lines[3].push('!'), "the lines that were shown"),
+        ("a line is missing", |ours, _| drop(ours.lines.remove(5)), "the lines that were shown"),
+        ("a line is added", |ours, _| ours.lines.push("all is well".to_owned()), "the lines that were shown"),
+        (
+            "a fact is altered",
+            |ours, _| ours.facts = ours.facts.replace("\"author\":\"", "\"author\":\"tuv-"),
+            "the facts that were shown",
+        ),
+        ("blanks in the facts", |ours, _| ours.facts.insert(1, ' '), "the facts that were shown"),
+        ("the renderer", |ours, _| ours.renderer += 1, "another version of the program"),
+        ("the store's key", |ours, _| ours.store_key = "0".repeat(64), "another key"),
+        ("the request", |ours, _| ours.request = Nonce::from_bytes([7; 16]), "a request that is not open"),
+        ("another's lines", |ours, other| ours.lines.clone_from(&other.lines), "the lines that were shown"),
+    ];
+    let (mut bench, _) = waiting(ProfileName::Human, false);
+    let (ann, ben) = (protected(&mut bench, "ann"), protected(&mut bench, "ben"));
+    let open = bench.pipeline.snapshot().prompts.remove(0);
+    let of_ben = question(&mut bench.pipeline, &open, "ben").unwrap();
+    let whole = question(&mut bench.pipeline, &open, "ann").unwrap();
+    for (name, edit, why) in edits {
+        let mut altered = whole.clone();
+        edit(&mut altered, &of_ben);
+        assert_ne!(altered, whole, "{name}");
+        let reply = bench.pipeline.command(altered.answer(&ann, Answer::Approve, "read").unwrap());
+        refused(&reply, &["align@1.1.0 counts for nothing", why]);
+        assert!(matches!(reply, Reply::Refused { code: Refusal::Stale, .. }), "{name}: {reply:?}");
+    }
+    // Another's question is another's: their name stands in it.
+    let reply = bench.pipeline.command(of_ben.answer(&ann, Answer::Approve, "read").unwrap());
+    refused(&reply, &["counts for nothing", "a request that is not open"]);
+    assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
+    // What nobody altered is taken, once.
+    let command = whole.answer(&ann, Answer::Approve, "read").unwrap();
+    done(&bench.pipeline.command(command.clone()));
+    assert!(matches!(bench.pipeline.command(command), Reply::Refused { .. }));
+    drop(ben);
+}
+
+/// A question that changed after somebody answered it: what they said is void, and people are asked again.
+#[test]
+fn what_was_answered_before_the_question_changed_counts_for_nothing() {
+    let (mut bench, _) = waiting_for_two();
+    let (ann, ben) = (protected(&mut bench, "ann"), protected(&mut bench, "ben"));
+    done(&approve(&mut bench, &ann));
+    let id = bench.pipeline.snapshot().prompts[0].version.clone();
+    bench.pipeline.live().dossiers.edit(&id).conditions.clear();
+    let reply = approve(&mut bench, &ben);
+    refused(&reply, &["what people were shown of align@1.1.0 has changed since"]);
+    assert!(bench.pipeline.snapshot().prompts.iter().all(|open| open.approved_by.is_empty()));
 }
 
 #[test]
@@ -131,8 +219,9 @@ fn an_answer_without_a_reason_is_refused_whoever_sends_it() {
         for (answer, reason) in
             [(Answer::Approve, ""), (Answer::Approve, " \u{200b}"), (Answer::Reject, "\n")]
         {
-            let prompt = bench.pipeline.snapshot().prompts.remove(0);
-            let command = prompt.answer(&ann, answer, reason, Some("all of it".to_owned())).unwrap();
+            let open = bench.pipeline.snapshot().prompts.remove(0);
+            let shown = question(&mut bench.pipeline, &open, "ann").unwrap();
+            let command = shown.answer(&ann, answer, reason).unwrap();
             refused(&bench.pipeline.command(command), &["needs a reason"]);
         }
     }
@@ -143,11 +232,11 @@ fn an_answer_without_a_reason_is_refused_whoever_sends_it() {
 fn scripts_refusals_and_other_profiles_need_no_passphrase() {
     let (mut bench, _) = waiting(ProfileName::Human, true);
     let ann = plain(&mut bench, "ann");
-    let reply = approve(&mut bench, &ann, None);
+    let reply = approve(&mut bench, &ann);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let (mut bench, _) = waiting(ProfileName::Human, false);
     let ann = plain(&mut bench, "ann");
-    let reply = say(&mut bench, &ann, Answer::Reject, None);
+    let reply = say(&mut bench, &ann, Answer::Reject);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
@@ -167,10 +256,7 @@ fn the_authors_key_under_another_name_approves_nothing() {
         let author = bench.pipeline.snapshot().prompts[0].author.clone();
         let themselves = protected(&mut bench, &author);
         let alias = copied(&folder, &author, "alias");
-        refused(
-            &approve(&mut bench, &alias, Some("all of it")),
-            &["alias is not enrolled", "identity enrol alias"],
-        );
+        refused(&approve(&mut bench, &alias), &["alias is not enrolled", "identity enrol alias"]);
         // Nor does an administrator make two persons of one key.
         let admin = administrator(&bench, &folder);
         if !scripted {
@@ -180,7 +266,7 @@ fn the_authors_key_under_another_name_approves_nothing() {
             act(&mut bench, |persons| persons.enrolment(alias.info(), false, &admin, "a test").unwrap());
         refused(&reply, &["one key is one person", &author]);
         // Under the own name it is put down, and does not count.
-        done(&approve(&mut bench, &themselves, Some("all of it")));
+        done(&approve(&mut bench, &themselves));
         assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it waits for somebody else");
     }
 }
@@ -204,12 +290,12 @@ fn two_names_with_one_key_count_once() {
     let (mut bench, folder) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
     let zoe = copied(&folder, "ann", "zoe");
-    done(&approve(&mut bench, &ann, None));
-    refused(&approve(&mut bench, &zoe, None), &["zoe is not enrolled"]);
-    refused(&approve(&mut bench, &ann, None), &["ann has answered approve"]);
+    done(&approve(&mut bench, &ann));
+    refused(&approve(&mut bench, &zoe), &["zoe is not enrolled"]);
+    refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it still waits for a second person");
     let ben = protected(&mut bench, "ben");
-    done(&approve(&mut bench, &ben, None));
+    done(&approve(&mut bench, &ben));
     assert!(bench.pipeline.snapshot().prompts.is_empty(), "two people have approved");
 }
 
@@ -221,7 +307,7 @@ fn the_same_answer_is_not_taken_twice_and_another_one_is() {
     let asked = bench.pipeline.snapshot().prompts.remove(0);
     let mut answer = |answer: Answer| {
         // Each is signed for itself: only what it says is the same.
-        let command = asked.answer(&ann, answer, "evidence read", Some("all of it".to_owned())).unwrap();
+        let command = signed(&mut bench.pipeline, &asked, &ann, answer).unwrap();
         let reply = bench.pipeline.command(command);
         let records = bench.pipeline.record().ledger().store().views().unwrap().head().unwrap().seq;
         (reply, records, bench.pipeline.snapshot().prompts)
@@ -247,11 +333,12 @@ fn an_answer_that_has_run_out_can_be_given_again() {
     let (mut bench, _) = waiting_for_two();
     let ann = protected(&mut bench, "ann");
     let asked = bench.pipeline.snapshot().prompts.remove(0);
-    let soon = PromptView { valid_until_ms: asked.asked_ms + 2_000, ..asked.clone() };
-    done(&bench.pipeline.command(soon.answer(&ann, Answer::Approve, "read", None).unwrap()));
+    let shown = question(&mut bench.pipeline, &asked, "ann").unwrap();
+    let soon = QuestionView { valid_until_ms: asked.asked_ms + 2_000, ..shown };
+    done(&bench.pipeline.command(soon.answer(&ann, Answer::Approve, "read").unwrap()));
     bench.pipeline.jump_to(asked.asked_ms + 3_000);
-    done(&approve(&mut bench, &ann, None));
-    refused(&approve(&mut bench, &ann, None), &["ann has answered approve"]);
+    done(&approve(&mut bench, &ann));
+    refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
 }
 
 /// An approval that is given and not used yet counts no more when its key is revoked, and a later one is refused.
@@ -260,17 +347,18 @@ fn what_a_revoked_key_signed_does_not_count() {
     let (mut bench, folder) = waiting_for_two();
     let (ann, ben, cleo) =
         (protected(&mut bench, "ann"), protected(&mut bench, "ben"), protected(&mut bench, "cleo"));
-    let early = bench.pipeline.snapshot().prompts[0].answer(&ann, Answer::Approve, "read", None).unwrap();
-    done(&approve(&mut bench, &ann, None));
+    let open = bench.pipeline.snapshot().prompts.remove(0);
+    let early = signed(&mut bench.pipeline, &open, &ann, Answer::Approve).unwrap();
+    done(&approve(&mut bench, &ann));
     let reply = revoke(&mut bench, &folder, "ann");
     assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("count no more: 1")), "{reply:?}");
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
-    refused(&approve(&mut bench, &ann, None), &["the key of ann was revoked by admin"]);
+    refused(&approve(&mut bench, &ann), &["the key of ann was revoked by admin"]);
     // Also what was signed before and is handed in now.
     refused(&bench.pipeline.command(early), &["the key of ann was revoked by admin"]);
-    done(&approve(&mut bench, &ben, None));
+    done(&approve(&mut bench, &ben));
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "one of two");
-    done(&approve(&mut bench, &cleo, None));
+    done(&approve(&mut bench, &cleo));
     assert!(bench.pipeline.snapshot().prompts.is_empty(), "two people have approved");
     assert!(bench.pipeline.record().holding().is_none());
 }
@@ -283,7 +371,7 @@ fn an_answer_of_somebody_revoked_is_not_taken_up() {
     crate::tests::asked(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
     let folder = bench.pipeline.record().ledger().store().layout().identities();
     let ann = protected(&mut bench, "ann");
-    done(&approve(&mut bench, &ann, None));
+    done(&approve(&mut bench, &ann));
     let bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
     assert_eq!(bench.pipeline.snapshot().prompts[0].approved_by, ["ann"]);
     // Revoked while no engine runs: the store takes the act itself.
@@ -308,10 +396,10 @@ fn public_files_decide_nothing() {
     let public = |who: &Identity| format!("{} safety\n", keyfile::hex(who.info().public_key.as_bytes()));
     // Swapped: another key claims the name.
     fs::write(folder.join("ann.pub"), public(&eve)).unwrap();
-    refused(&approve(&mut bench, &eve, None), &["another key"]);
+    refused(&approve(&mut bench, &eve), &["another key"]);
     // Removed: the person decides as before.
     fs::remove_file(folder.join("ann.pub")).unwrap();
-    done(&approve(&mut bench, &ann, None));
+    done(&approve(&mut bench, &ann));
     assert!(bench.pipeline.snapshot().prompts.is_empty());
 }
 
@@ -361,7 +449,7 @@ fn whom_an_open_key_enrolled_lets_nothing_in_where_people_decide() {
     let now_ms = bench.pipeline.record().now_ms();
     bench.pipeline.live().record.set_clock(Clock::real(now_ms));
     let said = ["ann is enrolled by admin", "not confirmed", "`holdpoint identity confirm ann --by admin"];
-    refused(&approve(&mut bench, &ann, Some("all of it")), &said);
+    refused(&approve(&mut bench, &ann), &said);
     // An act that says it was guarded is held against the file, under every profile.
     let admin = guarded(&folder, &admin);
     let confirm =
@@ -373,7 +461,7 @@ fn whom_an_open_key_enrolled_lets_nothing_in_where_people_decide() {
         matches!(&reply, Reply::Accepted { text, .. } if text == "ann is confirmed by admin"),
         "{reply:?}"
     );
-    done(&approve(&mut bench, &ann, Some("all of it")));
+    done(&approve(&mut bench, &ann));
 }
 
 /// What such a person answers to stop something is taken, and where no person is asked it counts.
@@ -388,6 +476,6 @@ fn whom_an_open_key_enrolled_refuses_and_decides_in_scripts() {
             let now_ms = bench.pipeline.record().now_ms();
             bench.pipeline.live().record.set_clock(Clock::real(now_ms));
         }
-        done(&say(&mut bench, &ann, answer, None));
+        done(&say(&mut bench, &ann, answer));
     }
 }

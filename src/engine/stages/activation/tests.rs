@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use holdpoint_approvals::keyfile::Keep;
-use holdpoint_approvals::{Approval, Nonce};
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::evidence::EpisodeValues;
@@ -124,27 +123,11 @@ fn everything_that_changes_is_told_before_people_decide() {
     let silent = Dossier { new_permissions: Vec::new(), ..kept.clone() };
     assert_ne!(silent.digest().unwrap(), question.evidence, "the signature covers what is new");
     let identity = enrolled(pipeline.live().record, "ann", Role::Safety, Keep::Plain);
-    let signed = identity
-        .sign(Approval {
-            who: String::new(),
-            role: identity.info().role,
-            decision: Answer::Approve,
-            reason: "read".to_owned(),
-            version: id,
-            candidate_digest: question.candidate,
-            row_version: question.row_version,
-            evidence_digest: question.evidence,
-            policy_digest: question.policy,
-            profile: question.profile,
-            store_id: question.store_id.clone(),
-            nonce: Nonce::random().unwrap(),
-            not_after_ms: question.valid_until_ms,
-            break_glass: false,
-        })
-        .unwrap();
-    let shown = format!("New permissions: {}\n{}", question.new_permissions.join(", "), lines.join("\n"));
-    let decide =
-        holdpoint_protocol::command::Command::Decide { signed: Box::new(signed), shown: Some(shown) };
+    let shown = crate::people::signers::tests::question(pipeline, &question, "ann").unwrap();
+    for text in new.iter().chain(&differences) {
+        assert!(shown.lines.iter().any(|line| line.contains(text)), "{text}: {:#?}", shown.lines);
+    }
+    let decide = shown.answer(&identity, Answer::Approve, "read").unwrap();
     let reply = pipeline.command(decide);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };

@@ -400,7 +400,8 @@ fn people_release_a_version_where_activations_are_bound_to_them() {
     let answer = |bench: &mut Bench, who: &Identity, answer: Answer| {
         let asked = bench.pipeline.snapshot().prompts;
         assert_eq!(asked.iter().map(|prompt| prompt.purpose).collect::<Vec<_>>(), [Purpose::Release]);
-        let command = asked[0].answer(who, answer, "looked at", None).unwrap();
+        let command =
+            crate::people::signers::tests::signed(&mut bench.pipeline, &asked[0], who, answer).unwrap();
         done(bench, command);
     };
 

@@ -89,7 +89,7 @@ fn an_approval_of_something_else_is_refused() {
     for (nonce, (name, edit, message)) in (1..).zip(edits) {
         let mut approval = approval(&store, NEW, nonce);
         edit(&mut approval, other);
-        let signed = ada.sign(approval).unwrap();
+        let signed = ada.sign(over(approval, &ada)).unwrap();
         let put = commit(&store, &format!("put {name}"), vec![Change::PutApproval(Box::new(signed))]);
         let used = put.and_then(|_| commit(&store, &format!("use {name}"), vec![consume(NEW, nonce)]));
         let error = used.expect_err(name).to_string();

@@ -80,7 +80,7 @@ pub fn one_step(store: &Store, ada: &Identity, start: u64, step: u64) -> Result<
             let nonce = Nonce::random().unwrap();
             let mut approval = approval(store, &name, 0);
             approval.nonce = nonce.clone();
-            let signed = Box::new(ada.sign(approval).unwrap());
+            let signed = Box::new(ada.sign(over(approval, ada)).unwrap());
             let put = vec![Change::PutApproval(signed)];
             let old = active.to_string();
             let mut changes = vec![Change::ConsumeApproval {

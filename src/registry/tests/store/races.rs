@@ -89,7 +89,7 @@ fn of_decisions_at_once_one_counts() {
         shadowed(&store, &name);
         let mut late = approval(&store, &name, nonces[1]);
         late.not_after_ms = 0;
-        let signed = [approve(&store, &ada, &name, nonces[0]), ada.sign(late).unwrap()];
+        let signed = [approve(&store, &ada, &name, nonces[0]), ada.sign(over(late, &ada)).unwrap()];
         let put = signed.into_iter().map(|signed| Change::PutApproval(Box::new(signed))).collect();
         // One that has run out may be refused where it is put, or where it is used.
         let _ = commit(&store, &format!("put {race}"), put).or_else(|_| {

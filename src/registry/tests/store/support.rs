@@ -3,16 +3,18 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use holdpoint_approvals::{Approval, Identity, Nonce, SignedApproval};
+use holdpoint_approvals::{
+    Approval, Identity, IdentityInfo, Nonce, ShownQuestion, SignedApproval, facts_digest, lines_digest,
+};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::approval::Role;
-use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_registry::names::EvidenceKind;
+use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{
-    ActiveCause, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction,
+    ActiveCause, ApprovalRequest, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction,
 };
 
 /// The digest of a robot.
@@ -84,11 +86,14 @@ pub fn context(profile: ProfileName) -> Change {
 
 /// A transaction with a command id of its own.
 pub fn transaction(command_id: &str, at_ms: u64, changes: Vec<Change>) -> Transaction {
-    let audit = vec![AuditBody {
+    let (mut before, mut audit) = with_shown(&changes);
+    before.extend(changes);
+    let changes = before;
+    audit.push(AuditBody {
         kind: holdpoint_governance::record::RecordKind::Decision,
         subject: String::new(),
         body: "{}".into(),
-    }];
+    });
     Transaction { command_id: command_id.into(), at_ms, wall_ms: 1_700_000_000_000, changes, audit }
 }
 
@@ -204,7 +209,69 @@ pub fn administrator(store: &Store) -> Identity {
 
 /// An approval of the shadowed `name` on its gate record, until 1000 ms.
 pub fn approve(store: &Store, who: &Identity, name: &str, nonce: u8) -> SignedApproval {
-    who.sign(approval(store, name, nonce)).unwrap()
+    who.sign(over(approval(store, name, nonce), who)).unwrap()
+}
+
+/// An approval over what [`shown`] has of it.
+pub fn over(approval: Approval, who: &Identity) -> Approval {
+    let IdentityInfo { name, role, .. } = who.info().clone();
+    let said = Approval { who: name, role, ..approval };
+    let (lines, facts) = shown(&said);
+    let shown = said.shown.clone().map(|shown| ShownQuestion {
+        lines: lines_digest(&lines),
+        facts: facts_digest(&facts),
+        ..shown
+    });
+    Approval { shown, ..said }
+}
+
+/// The lines and facts of the question that an approval answers.
+pub fn shown(said: &Approval) -> (Vec<String>, String) {
+    let facts = serde_json::json!({
+        "asked": { "name": said.who, "role": said.role },
+        "question": format!("question-{}", said.nonce),
+        "purpose": if said.break_glass { "emergency" } else { "activation" },
+        "version": said.version,
+        "candidate": said.candidate_digest,
+        "row_version": said.row_version,
+        "evidence": said.evidence_digest,
+        "policy": said.policy_digest,
+        "profile": said.profile,
+        "needed": 1,
+    });
+    (vec![format!("Promote {}?", said.version)], canonical_json(&facts).unwrap())
+}
+
+/// What goes on record before and beside an approval: the question, and what was shown of it.
+fn with_shown(changes: &[Change]) -> (Vec<Change>, Vec<AuditBody>) {
+    let (mut asked, mut records) = (Vec::new(), Vec::new());
+    for change in changes {
+        let Change::PutApproval(signed) = change else { continue };
+        let said = signed.approval();
+        if said.shown.is_none() {
+            continue;
+        }
+        let (lines, facts) = shown(said);
+        asked.push(Change::PutApprovalRequest(Box::new(ApprovalRequest {
+            id: format!("question-{}", said.nonce),
+            version: said.version.clone(),
+            row_version: said.row_version,
+            evidence_digest: said.evidence_digest,
+            policy_digest: said.policy_digest,
+            profile: said.profile,
+            needed: 1,
+            deadline_ms: said.not_after_ms,
+            state: RequestState::Void,
+            json: "{}".to_owned(),
+        })));
+        let body = serde_json::json!({ "by": said.who, "nonce": said.nonce, "lines": lines, "facts": facts });
+        records.push(AuditBody {
+            kind: holdpoint_governance::record::RecordKind::Shown,
+            subject: said.version.to_string(),
+            body: canonical_json(&body).unwrap(),
+        });
+    }
+    (asked, records)
 }
 
 /// As [`approve`], not yet signed.
@@ -224,6 +291,13 @@ pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
         nonce: Nonce::from_bytes([nonce; 16]),
         not_after_ms: 1000,
         break_glass: false,
+        shown: Some(ShownQuestion {
+            renderer: 1,
+            lines: digest("lines"),
+            facts: digest("facts"),
+            store_key: holdpoint_approvals::keyfile::hex(store.public_key().as_bytes()),
+            request: Nonce::from_bytes([nonce; 16]),
+        }),
     }
 }
 

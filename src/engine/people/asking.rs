@@ -1,0 +1,466 @@
+//! What a person is shown of a question: the facts as they stand, the lines that say them, and the nonce of the request.
+//!
+//! Made when somebody asks for it, and made again when their answer is taken and when it is used: what is not the same then
+//! counts for nothing. So nobody signs a text that stood somewhere between the engine and the screen.
+
+use std::collections::BTreeMap;
+
+use holdpoint_approvals::keyfile::hex;
+use holdpoint_approvals::{Approval, Nonce, ShownQuestion, facts_digest, lines_digest};
+use holdpoint_governance::approval::{self, Answer, Role, SignatureCheck, Vote};
+use holdpoint_governance::composition::Kappas;
+use holdpoint_governance::decision::{Dimension, ReasonCode};
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
+use holdpoint_governance::outcome::{Assessment, Basis};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::strictness::Strictness;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::question::{
+    AskedPerson, OnDrift, PairsFacts, QuestionFacts, QuestionView, RENDERER_VERSION, ShadowFacts, Untested,
+    render,
+};
+use holdpoint_protocol::snapshot::Purpose;
+use holdpoint_registry::AuditBody;
+
+use super::approvals::{Approvals, PendingQuestion, secs_to_ms};
+use super::emergencies;
+use super::signers::person;
+use crate::binding::stale_causes;
+use crate::context::Context;
+use crate::dossier::{Dossier, Dossiers};
+use crate::explain::is_in_favour;
+use crate::fault::Fault;
+use crate::record::Record;
+use crate::view::{evidence, why};
+
+/// The most requests that are remembered: one for each open question and each person.
+const REQUESTS_MAX: usize = 4096;
+
+/// Reasons against it that are shown.
+const REASONS_MAX: usize = 4;
+
+/// Who got which question, and under what nonce. A question that is closed takes its requests with it; a person who asks
+/// again gets the same nonce until they answer, so that no crowd of requests makes an honest answer void.
+#[derive(Default)]
+pub(super) struct Requests(BTreeMap<(String, String), Nonce>);
+
+impl Requests {
+    fn nonce(&mut self, record: &Record, question: &str, who: &str) -> Result<Option<Nonce>, Fault> {
+        let key = (question.to_owned(), who.to_owned());
+        if let Some(known) = self.0.get(&key) {
+            return Ok(Some(known.clone()));
+        }
+        if self.0.len() >= REQUESTS_MAX {
+            return Ok(None);
+        }
+        let nonce = if record.clock().is_scripted() {
+            let digest =
+                Digest::of_parts("holdpoint/scripted-request/v1", &[question.as_bytes(), who.as_bytes()]);
+            let mut bytes = [0; 16];
+            bytes.copy_from_slice(&digest.bytes()[..16]);
+            Nonce::from_bytes(bytes)
+        } else {
+            Nonce::random().map_err(|error| Fault::Impossible(error.to_string()))?
+        };
+        self.0.insert(key, nonce.clone());
+        Ok(Some(nonce))
+    }
+
+    fn is_open(&self, question: &str, who: &str, nonce: &Nonce) -> bool {
+        self.0.get(&(question.to_owned(), who.to_owned())) == Some(nonce)
+    }
+
+    /// An answer was taken: the next one takes another request.
+    pub(super) fn answered(&mut self, question: &str, who: &str) {
+        self.0.remove(&(question.to_owned(), who.to_owned()));
+    }
+
+    pub(super) fn close(&mut self, question: &str) {
+        self.0.retain(|(of, _), _| of != question);
+    }
+}
+
+/// What was shown to somebody: lines, and the text of the facts behind them.
+pub(crate) struct Shown {
+    lines: Vec<String>,
+    facts: String,
+}
+
+impl Shown {
+    /// The record of it, beside the decision that was signed over it.
+    pub(crate) fn record(&self, approval: &Approval) -> Result<AuditBody, Fault> {
+        let body = serde_json::json!({
+            "by": approval.who,
+            "nonce": approval.nonce,
+            "lines": self.lines,
+            "facts": self.facts,
+        });
+        // As every body that is judged: it has one text.
+        let body = canonical_json(&body)?;
+        Ok(AuditBody { kind: RecordKind::Shown, subject: approval.version.to_string(), body })
+    }
+}
+
+impl Approvals {
+    /// The question about a version as one person gets it.
+    ///
+    /// # Errors
+    /// If the version cannot be read, or the machine gives no random number.
+    pub(crate) fn question(
+        &mut self,
+        context: &Context,
+        record: &Record,
+        dossiers: &Dossiers,
+        (id, purpose): (&CapabilityId, Purpose),
+        who: &str,
+    ) -> Result<Reply, Fault> {
+        let store = record.ledger().store();
+        let who = match person(&store.persons()?, who) {
+            Ok(who) => who,
+            Err(refused) => return Ok(refused),
+        };
+        let door = match purpose {
+            Purpose::Emergency => emergencies::door(context, record, dossiers, id),
+            Purpose::Activation | Purpose::Release | Purpose::Review => None,
+        };
+        let waits = self.of(id).filter(|waits| waits.purpose == purpose);
+        let Some(asked) = door.as_ref().or(waits) else {
+            return Ok(Reply::Refused {
+                code: Refusal::NotFound,
+                text: format!("nothing waits for a decision on the {purpose} of {id}"),
+                hint: Some("see `holdpoint status`".to_owned()),
+            });
+        };
+        let facts = facts(context, record, dossiers, id, asked, Some((&who.name, who.role)))?;
+        let (lines, facts) = QuestionView::texts(&facts)?;
+        let valid_until_ms = valid_until_ms(context, record, asked);
+        let question = asked.id.clone();
+        let Some(request) = self.requests.nonce(record, &question, &who.name)? else {
+            let text = format!("{REQUESTS_MAX} requests for open questions are remembered already");
+            return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
+        };
+        let question = QuestionView {
+            lines,
+            facts,
+            renderer: RENDERER_VERSION,
+            request,
+            store_id: store.store_id().to_owned(),
+            store_key: hex(store.public_key().as_bytes()),
+            valid_until_ms,
+        };
+        Ok(Reply::Question { question: Box::new(question) })
+    }
+
+    /// What a decision was signed over, if it is what its person would be shown now, under the request that they made;
+    /// `None` for a refusal over nothing that was shown.
+    pub(super) fn shown_now(
+        &self,
+        context: &Context,
+        record: &Record,
+        dossiers: &Dossiers,
+        asked: &PendingQuestion,
+        said: &Approval,
+    ) -> Result<Result<Option<Shown>, Reply>, Fault> {
+        let stale = |why: &str| {
+            Ok(Err(Reply::Refused {
+                code: Refusal::Stale,
+                text: format!("the decision on {} counts for nothing: {why}", said.version),
+                hint: Some("look at the question again and decide again".to_owned()),
+            }))
+        };
+        let Some(shown) = &said.shown else {
+            return match said.decision {
+                Answer::Reject => Ok(Ok(None)),
+                Answer::Approve => stale("it is signed over nothing that was shown"),
+            };
+        };
+        if !self.requests.is_open(&asked.id, &said.who, &shown.request) {
+            return stale("it answers a request that is not open");
+        }
+        if said.not_after_ms > valid_until_ms(context, record, asked) {
+            return stale("it would count for longer than an answer may");
+        }
+        match as_shown(context, record, dossiers, asked, said, shown)? {
+            Ok(texts) => Ok(Ok(Some(texts))),
+            Err(why) => stale(why),
+        }
+    }
+
+    /// Whether somebody who answered would be shown something else now: then what people said counts for nothing more.
+    ///
+    /// # Errors
+    /// If the version cannot be read.
+    pub(crate) fn is_outdated(
+        &self,
+        context: &Context,
+        record: &Record,
+        dossiers: &Dossiers,
+        id: &CapabilityId,
+    ) -> Result<bool, Fault> {
+        let Some(asked) = self.of(id) else { return Ok(false) };
+        for signed in &asked.signed {
+            if !is_as_shown(context, record, dossiers, asked, signed.approval())? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+}
+
+/// Until when an answer that is given now counts, virtual ms.
+fn valid_until_ms(context: &Context, record: &Record, asked: &PendingQuestion) -> u64 {
+    match asked.purpose {
+        Purpose::Emergency => asked.deadline_ms,
+        Purpose::Activation | Purpose::Release | Purpose::Review => {
+            record.now_ms().saturating_add(secs_to_ms(context.profile.approval.valid_s))
+        }
+    }
+}
+
+/// Whether a decision that was taken is over what its person would be shown now. A refusal stands without; an approval of
+/// an earlier version, which signed nothing of it, does not.
+pub(super) fn is_as_shown(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    asked: &PendingQuestion,
+    said: &Approval,
+) -> Result<bool, Fault> {
+    match &said.shown {
+        None => Ok(said.decision == Answer::Reject),
+        Some(shown) => Ok(as_shown(context, record, dossiers, asked, said, shown)?.is_ok()),
+    }
+}
+
+fn as_shown(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    asked: &PendingQuestion,
+    said: &Approval,
+    shown: &ShownQuestion,
+) -> Result<Result<Shown, &'static str>, Fault> {
+    if shown.renderer != RENDERER_VERSION {
+        return Ok(Err("another version of the program put the question into words"));
+    }
+    if shown.store_key != hex(record.ledger().store().public_key().as_bytes()) {
+        return Ok(Err("it is signed for a store with another key"));
+    }
+    let facts = facts(context, record, dossiers, &said.version, asked, Some((&said.who, said.role)))?;
+    let (lines, facts) = QuestionView::texts(&facts)?;
+    Ok(if facts_digest(&facts) != shown.facts {
+        Err("the facts that were shown are not those of the question")
+    } else if lines_digest(&lines) != shown.lines {
+        Err("the lines that were shown are not those of the question")
+    } else {
+        Ok(Shown { lines, facts })
+    })
+}
+
+/// The lines of a question as whoever looks on reads them; what cannot be read has none.
+pub(super) fn overview(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    id: &CapabilityId,
+    asked: &PendingQuestion,
+) -> Vec<String> {
+    facts(context, record, dossiers, id, asked, None).map(|facts| render(&facts)).unwrap_or_default()
+}
+
+fn facts(
+    context: &Context,
+    record: &Record,
+    dossiers: &Dossiers,
+    id: &CapabilityId,
+    asked: &PendingQuestion,
+    who: Option<(&str, Role)>,
+) -> Result<QuestionFacts, Fault> {
+    let (_, standing, member) = record.ledger().version(id)?;
+    let empty = Dossier::default();
+    let dossier = dossiers.of(id).unwrap_or(&empty);
+    let (profile, request) = (&context.profile, &asked.request);
+    let lets_in = matches!(asked.purpose, Purpose::Activation | Purpose::Emergency);
+    let against = dossier
+        .reasons
+        .iter()
+        .filter(|reason| !is_in_favour(reason.code) && reason.code != ReasonCode::ApprovalPending);
+    Ok(QuestionFacts {
+        asked: who.map(|(name, role)| AskedPerson {
+            name: name.to_owned(),
+            role,
+            void: void(context, record, asked, name, role),
+        }),
+        question: asked.id.clone(),
+        purpose: asked.purpose,
+        version: id.clone(),
+        replaces: asked.replaces.clone(),
+        robot: context.cell.model.name.clone(),
+        candidate: request.subject.candidate,
+        row_version: asked.row_version,
+        evidence: asked.evidence,
+        policy: context.digest,
+        profile: profile.name,
+        site: profile.site.clone(),
+        needed: if asked.purpose == Purpose::Emergency { 1 } else { u32::from(request.quorum) },
+        deadline_ms: (asked.purpose != Purpose::Emergency).then_some(asked.deadline_ms),
+        risk: request.risk,
+        assessed: dossier.risk.clone(),
+        requester: request.requester.clone(),
+        author: request.author.clone(),
+        asked_by: request.asked_by.clone(),
+        about: asked.about.clone(),
+        state: standing.state,
+        deployment: dossier.deployment,
+        stale: stale_causes(context, record.ledger(), &member.capability, standing.state, dossier),
+        dimensions: dossier.dimensions(profile),
+        pairs: evidence::pairs(dossier).map(|pairs| PairsFacts {
+            n: pairs.n,
+            candidate: pairs.candidate.success,
+            candidate_interval: pairs.candidate_success,
+            active: pairs.active.success,
+            active_interval: pairs.active_success,
+        }),
+        shadow: evidence::shadow(dossier, &profile.evaluation).map(|shadow| ShadowFacts {
+            n: shadow.n,
+            output: shadow.output,
+            governance: shadow.governance,
+            envelope: shadow.envelope,
+        }),
+        reasons: against.take(REASONS_MAX).cloned().collect(),
+        why: why::in_short(dossier),
+        new_permissions: dossier.new_permissions.clone(),
+        changes: dossier.changes.clone(),
+        conditions: dossier.conditions.clone(),
+        untested: untested(dossier),
+        on_drift: lets_in.then(|| on_drift(context, asked, dossier, dossiers.has_open_doubt(id))),
+    })
+}
+
+/// Why an approval of somebody would not count, by the rules that count it.
+fn void(
+    context: &Context,
+    record: &Record,
+    asked: &PendingQuestion,
+    name: &str,
+    role: Role,
+) -> Option<ReasonCode> {
+    let vote = Vote {
+        person: name.to_owned(),
+        key: String::new(),
+        role,
+        answer: Answer::Approve,
+        reason: "asked".to_owned(),
+        subject: asked.request.subject,
+        expires_s: f64::INFINITY,
+        break_glass: asked.purpose == Purpose::Emergency,
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    };
+    let result = approval::evaluate(&asked.request, &[vote], record.now_s(), &context.profile.approval);
+    let against = |code: &ReasonCode| matches!(code, ReasonCode::ApprovalSelf | ReasonCode::ApprovalRole);
+    result.reasons.iter().map(|reason| reason.code).find(against)
+}
+
+/// What happens when a version gets worse after its activation, and what confirms it.
+pub(super) fn on_drift(
+    context: &Context,
+    asked: &PendingQuestion,
+    dossier: &Dossier,
+    in_doubt: bool,
+) -> OnDrift {
+    let monitor = &context.profile.monitor;
+    let watch = Strictness::of(&dossier.conditions);
+    OnDrift {
+        back: asked.replaces.clone(),
+        coupled: watch.coupled(),
+        restricted_to: monitor.restrict_factor,
+        answer_within_s: monitor.escalation_deadline_s,
+        confirmed_after: context.profile.activation.provisional_episodes,
+        in_doubt,
+        limits: (watch.factor() < 1.0).then(|| watch.limits(monitor)),
+    }
+}
+
+/// What was not measured.
+pub(crate) fn untested(dossier: &Dossier) -> Vec<Untested> {
+    let mut said = vec![Untested::PhysicalArm];
+    match &dossier.kappas {
+        None => said.push(Untested::Everything),
+        Some(kappas) => said.extend(estimates(kappas)),
+    }
+    if dossier.pairs.is_empty() {
+        said.push(Untested::Pairs);
+    }
+    for kind in DrillKind::ALL {
+        let feasible = dossier.drills.map_or(0, |(candidate, _)| candidate.of(kind).feasible());
+        if feasible == 0 {
+            said.push(Untested::Drill(kind));
+        }
+    }
+    if dossier.twins.is_empty() {
+        said.push(Untested::Twin);
+    }
+    said
+}
+
+fn estimates(kappas: &Kappas) -> Vec<Untested> {
+    fn of<O>(dimension: Dimension, assessment: &Assessment<O>) -> Option<Untested> {
+        match (assessment.basis, assessment.kappa) {
+            (Basis::Measured, Some(_)) => None,
+            (_, None) => Some(Untested::Unmeasured(dimension)),
+            (Basis::Estimated, Some(_)) => Some(Untested::Estimated(dimension)),
+        }
+    }
+    [
+        of(Dimension::Interface, &kappas.interface),
+        of(Dimension::Policy, &kappas.policy),
+        of(Dimension::Behavior, &kappas.behavior),
+        of(Dimension::Recovery, &kappas.recovery),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::evidence::{DrillTally, Drills};
+
+    /// Such a version was confirmed hundreds of tasks later than the question had said.
+    #[test]
+    fn a_doubt_is_settled_before_a_confirmation() {
+        let mut said = OnDrift {
+            back: None,
+            coupled: false,
+            restricted_to: 0.5,
+            answer_within_s: 60.0,
+            confirmed_after: 100,
+            in_doubt: false,
+            limits: None,
+        };
+        assert!(said.to_string().ends_with("; confirmed after 100 live tasks"), "{said}");
+        said.in_doubt = true;
+        assert!(said.to_string().contains("; confirmed after 100 live tasks and once the doubt"), "{said}");
+    }
+
+    #[test]
+    fn what_was_not_tested_is_said() {
+        let mut dossier = Dossier::default();
+        let said = |dossier: &Dossier| -> Vec<String> {
+            untested(dossier).iter().map(ToString::to_string).collect()
+        };
+        let nothing = said(&dossier);
+        assert!(nothing.iter().any(|text| text.contains("rollback drill")), "{nothing:?}");
+        assert!(nothing.iter().any(|text| text.contains("twin")), "{nothing:?}");
+        let ran = DrillTally { passed: 1, failed: 0, infeasible: 0 };
+        let candidate = Drills { rollback: ran, ..Drills::default() };
+        dossier.drills = Some((candidate, Drills::default()));
+        let some = said(&dossier);
+        assert!(!some.iter().any(|text| text.contains("rollback drill")), "{some:?}");
+        assert!(some.iter().any(|text| text.contains("abort drill")), "{some:?}");
+        assert!(some.iter().any(|text| text.contains("physical arm")), "{some:?}");
+    }
+}

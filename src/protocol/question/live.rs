@@ -1,0 +1,45 @@
+//! What changes by the second beside an open question: told with its time, and signed by nobody.
+
+use crate::snapshot::{PromptView, Purpose, Snapshot};
+use crate::words::clock_time;
+use holdpoint_text::Untrusted;
+
+/// What stands over these lines; the time follows.
+pub const LIVE_HEADING: &str = "LIVE, NOT SIGNED, as of";
+
+/// The longest line, columns.
+const WIDTH_MAX: usize = 200;
+
+/// The heading with the time of the snapshot, then who has answered, how much time is left, how the live cell does and
+/// what alarms are open. A snapshot says no more than whoever sent it: none of it is a reason to approve.
+#[must_use]
+pub fn live_lines(question: &PromptView, now: &Snapshot) -> Vec<String> {
+    let mut lines = vec![format!("{LIVE_HEADING} {}", clock_time(now.at_ms))];
+    let PromptView { approved_by, needed, .. } = question;
+    let by = if approved_by.is_empty() { "nobody yet".to_owned() } else { approved_by.join(", ") };
+    let is_emergency = question.purpose == Purpose::Emergency;
+    if question.granted {
+        let when = if now.stopped.is_some() {
+            "at once when the cell works again"
+        } else {
+            "when the sequence that runs is over"
+        };
+        lines.push(format!("Approved by {by}: it takes over {when}"));
+    } else if !is_emergency {
+        lines.push(format!("Approvals: {} of {needed} ({by})", approved_by.len()));
+    }
+    if !(question.granted || is_emergency) {
+        let left_s = question.deadline_ms.saturating_sub(now.at_ms) / 1000;
+        lines.push(format!("Time left: {} min {} s", left_s / 60, left_s % 60));
+    }
+    if let (Some(success), recent) = (now.live.recent_success, now.live.recent) {
+        lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));
+    }
+    if now.stopped.is_some() {
+        lines.push("The cell is stopped".to_owned());
+    }
+    if let Some(alarm) = now.foremost_alarm() {
+        lines.push(format!("Open alarms: {}, the foremost {}", now.alarms.len(), alarm.alarm));
+    }
+    lines.into_iter().map(|line| Untrusted::new(line).display(WIDTH_MAX).into_string()).collect()
+}

@@ -1,0 +1,140 @@
+//! A question to people, made by hand: as whoever looks on reads it, and as one person gets it.
+
+use holdpoint_governance::approval::{Author, Authorship, Requester, Role};
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::risk::{RiskCause, RiskClass};
+use holdpoint_governance::submission::Risk;
+use holdpoint_protocol::detail::{Changes, Difference};
+use holdpoint_protocol::question::{
+    AskedPerson, OnDrift, PairsFacts, QuestionFacts, QuestionView, RENDERER_VERSION, Untested, render,
+};
+use holdpoint_protocol::snapshot::{PromptView, Purpose};
+use serde_json::Value;
+
+use super::{NOW_MS, candidates, digest, id};
+
+fn changed(field: &str, old: Option<Value>, new: Option<Value>) -> Difference {
+    Difference { field: field.to_owned(), old, new }
+}
+
+/// The difference between `align@2.0.0` and the version before it.
+fn differences() -> Changes {
+    Changes {
+        fields: vec![
+            changed("manifest.permissions.max_force_n", Some(15.0.into()), Some(20.0.into())),
+            changed("manifest.permissions.zones", None, Some("tray".into())),
+            changed("params.transit_speed_m_s", Some(0.2.into()), Some(0.25.into())),
+        ],
+        declared: Vec::new(),
+    }
+}
+
+/// The facts of a question about `align@2.0.0`, as the person at the console gets it, or as whoever looks on reads it.
+pub fn facts(tier: u8, who: Option<&str>) -> QuestionFacts {
+    let candidate = candidates().into_iter().find(|one| one.version == id("align@2.0.0"));
+    let asked = who.map(|name| AskedPerson { name: name.to_owned(), role: Role::Safety, void: None });
+    QuestionFacts {
+        asked,
+        question: "approval:align@2.0.0".to_owned(),
+        purpose: Purpose::Activation,
+        version: id("align@2.0.0"),
+        replaces: Some(id("align@1.0.0")),
+        robot: "arm7".to_owned(),
+        candidate: digest("align@2.0.0"),
+        row_version: 7,
+        evidence: digest("evidence"),
+        policy: digest("policy"),
+        profile: ProfileName::Human,
+        site: None,
+        needed: if tier == 2 { 2 } else { 1 },
+        deadline_ms: Some(NOW_MS + 1_742_000),
+        risk: Risk::High,
+        assessed: Some(RiskClass {
+            class: Risk::High,
+            causes: [RiskCause::MoreZones, RiskCause::MoreForce, RiskCause::FirstOfAuthor].into(),
+        }),
+        requester: Requester::Person { name: "tom".to_owned(), key: String::new() },
+        author: Author { name: "ada".to_owned(), authorship: Authorship::Unverified, key: String::new() },
+        asked_by: None,
+        about: String::new(),
+        state: State::Shadowed,
+        deployment: None,
+        stale: candidate.as_ref().map_or_else(Vec::new, |one| one.stale.clone()),
+        dimensions: candidate.as_ref().map_or_else(Vec::new, |one| one.dimensions.clone()),
+        pairs: candidate.as_ref().and_then(|one| one.pairs.as_ref()).map(|pairs| PairsFacts {
+            n: pairs.n,
+            candidate: pairs.candidate.success,
+            candidate_interval: pairs.candidate_success,
+            active: pairs.active.success,
+            active_interval: pairs.active_success,
+        }),
+        shadow: None,
+        reasons: Vec::new(),
+        why: vec!["recovery: fails 9 of 50 fallback drills, the active version 2 of 50".to_owned()],
+        new_permissions: vec!["zone tray".to_owned(), "force 20 N (was 15 N)".to_owned()],
+        changes: differences(),
+        conditions: Vec::new(),
+        untested: vec![Untested::PhysicalArm, Untested::Drill(DrillKind::Rollback)],
+        on_drift: Some(OnDrift {
+            back: Some(id("align@1.0.0")),
+            coupled: true,
+            restricted_to: 0.5,
+            answer_within_s: 120.0,
+            confirmed_after: 100,
+            in_doubt: false,
+            limits: None,
+        }),
+    }
+}
+
+/// The question as one person gets it.
+pub fn asked(tier: u8, who: &str) -> Box<QuestionView> {
+    let (lines, facts) = QuestionView::texts(&facts(tier, Some(who))).unwrap();
+    Box::new(QuestionView {
+        lines,
+        facts,
+        renderer: RENDERER_VERSION,
+        request: serde_json::from_value(Value::String("07".repeat(16))).unwrap(),
+        store_id: "store".to_owned(),
+        store_key: "0".repeat(64),
+        valid_until_ms: NOW_MS + 600_000,
+    })
+}
+
+/// A question about `align@2.0.0` at a tier of friction.
+pub fn question(tier: u8) -> PromptView {
+    let facts = facts(tier, None);
+    PromptView {
+        id: facts.question.clone(),
+        version: facts.version.clone(),
+        replaces: facts.replaces.clone(),
+        candidate: facts.candidate,
+        row_version: facts.row_version,
+        evidence: facts.evidence,
+        policy: facts.policy,
+        profile: facts.profile,
+        site: None,
+        granted: false,
+        needed: facts.needed,
+        approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
+        deadline_ms: NOW_MS + 1_742_000,
+        valid_until_ms: NOW_MS + 600_000,
+        store_id: "store".to_owned(),
+        asked_ms: NOW_MS - 58_000,
+        tier,
+        author: facts.author.in_words(),
+        requester: facts.requester.clone(),
+        risk: facts.assessed.clone(),
+        new_permissions: facts.new_permissions.clone(),
+        changes: facts.changes.clone(),
+        conditions: Vec::new(),
+        why: facts.why.clone(),
+        untested: facts.untested.iter().map(ToString::to_string).collect(),
+        on_drift: facts.on_drift.as_ref().map_or_else(String::new, ToString::to_string),
+        purpose: facts.purpose,
+        about: String::new(),
+        lines: render(&facts),
+    }
+}
