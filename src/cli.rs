@@ -93,7 +93,7 @@ pub struct Cli {
 const AFTER_HELP: &str = "\
 Exit codes:
   0 confirmed or done, 1 rejected, 2 usage or configuration, 3 held or timed out, 4 rolled back,
-  5 nothing was judged, 70 internal error
+  5 nothing was judged, 6 not confirmed by the engine, 70 internal error
 
 Examples:
   holdpoint

@@ -25,19 +25,22 @@ pub enum Exit {
     RolledBack,
     /// 5: nothing was judged, so that there is no outcome.
     NothingJudged,
+    /// 6: what was answered is not known to come from the engine, or nothing was; what became of it is not known.
+    NotConfirmed,
     /// 70: a fault of this program.
     Internal,
 }
 
 impl Exit {
     /// Every way to end.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Confirmed,
         Self::Rejected,
         Self::Usage,
         Self::Held,
         Self::RolledBack,
         Self::NothingJudged,
+        Self::NotConfirmed,
         Self::Internal,
     ];
 
@@ -51,6 +54,7 @@ impl Exit {
             Self::Held => 3,
             Self::RolledBack => 4,
             Self::NothingJudged => 5,
+            Self::NotConfirmed => 6,
             Self::Internal => 70,
         }
     }
@@ -65,6 +69,7 @@ impl Exit {
             Self::Held => "held",
             Self::RolledBack => "rolled back",
             Self::NothingJudged => "nothing was judged",
+            Self::NotConfirmed => "not confirmed",
             Self::Internal => "internal error",
         }
     }
@@ -85,6 +90,9 @@ pub enum CliError {
     /// The engine held, or the time was up.
     #[error("{}", one_line(.message))]
     Held { message: Untrusted, hint: Option<Untrusted> },
+    /// What was answered is not known to come from the engine, or nothing was.
+    #[error("{}", one_line(.message))]
+    NotConfirmed { message: Untrusted, hint: Option<Untrusted> },
     /// The reader of the output went away: a clean end.
     #[error("the reader of the output went away")]
     ReaderGone,
@@ -111,6 +119,13 @@ impl CliError {
         Self::Held { message, hint }
     }
 
+    /// What became of it is not known: an error with the hint it has, or plain words without one.
+    #[must_use]
+    pub fn not_confirmed(error: impl Hint) -> Self {
+        let (message, hint) = parts(&error);
+        Self::NotConfirmed { message, hint }
+    }
+
     /// With this hint in place of its own. Only what somebody can put right or wait for has one.
     #[must_use]
     pub fn with_hint(self, help: impl Into<Untrusted>) -> Self {
@@ -118,6 +133,7 @@ impl CliError {
         match self {
             Self::Usage { message, hint: _ } => Self::Usage { message, hint },
             Self::Held { message, hint: _ } => Self::Held { message, hint },
+            Self::NotConfirmed { message, hint: _ } => Self::NotConfirmed { message, hint },
             Self::ReaderGone | Self::Output(_) | Self::Internal(_) => self,
         }
     }
@@ -134,6 +150,7 @@ impl CliError {
         match self {
             Self::Usage { .. } | Self::Output(_) => Exit::Usage,
             Self::Held { .. } => Exit::Held,
+            Self::NotConfirmed { .. } => Exit::NotConfirmed,
             Self::ReaderGone => Exit::Confirmed,
             Self::Internal(_) => Exit::Internal,
         }
@@ -142,7 +159,9 @@ impl CliError {
     #[must_use]
     pub const fn hint(&self) -> Option<&Untrusted> {
         match self {
-            Self::Usage { hint, .. } | Self::Held { hint, .. } => hint.as_ref(),
+            Self::Usage { hint, .. } | Self::Held { hint, .. } | Self::NotConfirmed { hint, .. } => {
+                hint.as_ref()
+            }
             Self::ReaderGone | Self::Output(_) | Self::Internal(_) => None,
         }
     }
@@ -281,6 +300,7 @@ mod tests {
             (CliError::usage("bad \u{1b}[2J name"), "error: bad \\u{1b}[2J name\n", 2),
             (CliError::usage("first\n  second\n"), "error: first second\n", 2),
             (CliError::held("nobody answered"), "error: nobody answered\n", 3),
+            (CliError::not_confirmed("no word"), "error: no word\n", 6),
             (CliError::internal("lost"), "error: internal: lost\n", 70),
             (CliError::from(io::Error::from(io::ErrorKind::BrokenPipe)), "", 0),
             (CliError::from(io::Error::other("disk full")), "error: cannot write the output: disk full\n", 2),
@@ -293,6 +313,6 @@ mod tests {
     #[test]
     fn codes_differ() {
         let codes: std::collections::BTreeSet<u8> = Exit::ALL.into_iter().map(Exit::code).collect();
-        assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 70]);
+        assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 70]);
     }
 }

@@ -46,6 +46,9 @@ pub mod kept {}
 #[doc = include_str!("guide/limits.md")]
 pub mod limits {}
 
+#[doc = include_str!("guide/security.md")]
+pub mod security {}
+
 #[doc = include_str!("guide/attacks.md")]
 pub mod attacks {}
 

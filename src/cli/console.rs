@@ -56,6 +56,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
                 sinks: args.scenes.options(true).sinks()?,
                 alone_max: None,
+                seats: None,
             };
             if args.in_process {
                 EngineAt::Here(here)

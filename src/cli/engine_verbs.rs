@@ -196,6 +196,7 @@ impl EngineVerbs for RealEngine {
             pace: args.pace(),
             sinks: args.scenes.options(true).sinks()?,
             alone_max: args.attended.map(|secs| Duration::from_secs(u64::from(secs))),
+            seats: args.seats.clone(),
         };
         if args.own_session {
             // One that leads its session already has left the terminal, too.

@@ -1,5 +1,7 @@
 //! `holdpoint serve`: arguments of the engine as a service.
 
+use std::path::PathBuf;
+
 use clap::Args;
 
 use super::run::{EngineArgs, LINGER_SECS_MAX, LivePace, SceneArgs, parse_pace};
@@ -12,6 +14,7 @@ service manager when it is ready, that it is alive and that it stops (NOTIFY_SOC
 
 Examples:
   holdpoint serve --data /var/lib/holdpoint --profile real
+  holdpoint serve --data /var/lib/holdpoint/store --seats /run/holdpoint
   holdpoint serve --quiet --view
   holdpoint serve --json --pace 10")]
 pub struct ServeArgs {
@@ -27,6 +30,9 @@ pub struct ServeArgs {
     /// Ends in good order once nobody has sat at it, from a console, for so many seconds; `:detach` there lifts that.
     #[arg(long, value_name = "SECS", value_parser = clap::value_parser!(u32).range(1..=LINGER_SECS_MAX))]
     pub attended: Option<u32>,
+    /// Listens in this folder as well, for the accounts of its group: see the guide's page `security`.
+    #[arg(long, value_name = "DIR")]
+    pub seats: Option<PathBuf>,
     /// Leaves the terminal that started it, for a session of its own, and prints faults alone.
     #[arg(long, hide = true)]
     pub own_session: bool,

@@ -3,6 +3,8 @@
 //! Owns that choice and how a refusal becomes an error. Must not decide whether something is allowed: the engine
 //! does.
 
+use std::io::{self, Write as _};
+
 use super::chosen;
 use super::data;
 use crate::cli::context::CliContext;
@@ -11,7 +13,7 @@ use crate::error::{CliError, Exit, start_error};
 use holdpoint_approvals::{BoundFacts, Identity, Nonce, SignedCall};
 use holdpoint_engine::bound;
 use holdpoint_engine::cell::Cell;
-use holdpoint_engine::door::{Client, DoorError};
+use holdpoint_engine::door::{Client, DoorError, Doubt};
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::{Config, Engine};
@@ -20,6 +22,7 @@ use holdpoint_protocol::question::QuestionView;
 use holdpoint_protocol::snapshot::{PromptView, Snapshot};
 use holdpoint_registry::Layout;
 use holdpoint_text::Problem;
+use serde::Serialize;
 
 /// Who carries out a verb.
 pub(super) enum Side {
@@ -29,17 +32,52 @@ pub(super) enum Side {
     Own(Box<Pump>),
 }
 
-/// The engine that runs on the store; `None` if none does.
+/// The engine that runs on the store; `None` if none does. Whoever is not known to be that is named at once.
 pub(super) fn running(context: &CliContext) -> Result<Option<Client>, CliError> {
-    Client::connect(&Layout::new(&context.data)).map_err(door_error)
+    let client = Client::connect(&Layout::new(&context.data)).map_err(door_error)?;
+    if let Some(doubt) = client.as_ref().and_then(Client::doubt) {
+        warn(doubt, context.json);
+    }
+    Ok(client)
+}
+
+/// Says on the standard error stream that what is printed is not known to come from the engine.
+pub(super) fn warn(doubt: Doubt, json: bool) {
+    let text = doubt.to_string();
+    let line = if json {
+        serde_json::json!({ "warning": text, "code": Doubt::CODE }).to_string()
+    } else {
+        format!("warning: {text}")
+    };
+    // A warning that cannot be printed has nowhere to go; the exit code says it as well.
+    drop(writeln!(io::stderr().lock(), "{line}"));
+}
+
+/// What somebody answered who is not known to be the engine is no success.
+pub(super) fn not_confirmed(doubt: Doubt, reply: &Reply) -> CliError {
+    CliError::not_confirmed(doubt.of(reply))
+        .with_hint("what the engine did is on its record: `holdpoint audit list`")
+}
+
+/// A reply of whom is not known to be the engine, as programs read it.
+#[derive(Serialize)]
+struct DoubtedReply<'a> {
+    #[serde(flatten)]
+    reply: &'a Reply,
+    unverified: &'static str,
 }
 
 impl Side {
     /// The engine that runs on the store, else one of this verb's own, which makes the store if there is none.
     pub(super) fn open(context: &CliContext) -> Result<Self, CliError> {
-        if let Some(client) = running(context)? {
-            return Ok(Self::Running(client));
+        match running(context)? {
+            Some(client) => Ok(Self::Running(client)),
+            None => Self::own(context),
         }
+    }
+
+    /// An engine of this verb's own, which makes the store if there is none.
+    pub(super) fn own(context: &CliContext) -> Result<Self, CliError> {
         let config = Config {
             data: &context.data,
             profile: chosen::last(&context.data)?,
@@ -63,11 +101,16 @@ impl Side {
     }
 
     fn ask_sealed(&mut self, command: Command, seal: Option<Box<SignedCall>>) -> Result<Reply, CliError> {
+        let id = Nonce::random().map_err(CliError::internal)?.as_str().to_owned();
+        self.ask_request(Request { id, command, seal })
+    }
+
+    /// As [`Side::ask`], for a request with an id of its own.
+    pub(super) fn ask_request(&mut self, request: Request) -> Result<Reply, CliError> {
         match self {
-            Self::Running(client) => client.ask_sealed(command, seal).map_err(door_error),
+            Self::Running(client) => client.ask_request(request).map_err(door_error),
             Self::Own(pump) => {
-                let id = Nonce::random().map_err(CliError::internal)?.as_str().to_owned();
-                let reply = pump.submit(Request { id, command, seal });
+                let reply = pump.submit(request);
                 // What happened is in the audit log; nobody listens here.
                 drop(pump.tell());
                 Ok(reply)
@@ -128,7 +171,20 @@ impl Side {
     /// If the engine refused, with the exit code that fits.
     pub(super) fn carry_out(&mut self, command: Command, out: &mut Output<'_>) -> Result<Exit, CliError> {
         let reply = self.ask(command)?;
-        told(&reply, out)
+        self.told(&reply, out)
+    }
+
+    /// Prints a reply; one that is not known to come from the engine is no success, whatever it says.
+    fn told(&self, reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
+        let doubt = match self {
+            Self::Running(client) => client.doubt(),
+            Self::Own(_) => None,
+        };
+        let Some(doubt) = doubt else { return told(reply, out) };
+        if out.is_json() {
+            out.json(&DoubtedReply { reply, unverified: Doubt::CODE })?;
+        }
+        Err(not_confirmed(doubt, reply))
     }
 
     /// As [`Side::carry_out`], signed by `who` where somebody has to sign it, or where they are enrolled.
@@ -149,7 +205,7 @@ impl Side {
             Some(_) | None => None,
         };
         let reply = self.ask_sealed(command, seal)?;
-        told(&reply, out)
+        self.told(&reply, out)
     }
 }
 

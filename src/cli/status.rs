@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 
-use self::report::{StatusReport, VersionRow};
+use self::report::{DoubtRow, StatusReport, VersionRow};
 use super::data;
 use super::decide::{known_family, known_version};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::door::{Client, DoorError, Subscription};
+use holdpoint_engine::door::{Client, DoorError, Doubt, Subscription};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::command::Reply;
@@ -142,7 +142,8 @@ pub(super) fn run(context: &CliContext, args: &StatusArgs, out: &mut Output<'_>)
         Some(StatusSubject::Family(family)) => known_family(&views, family)?,
         Some(StatusSubject::Version(version)) => known_version(&views, version)?,
     }
-    let mut source = Source { context, subject: args.subject.as_ref(), views, events: None, silent: None };
+    let mut source =
+        Source { context, subject: args.subject.as_ref(), views, events: None, silent: None, doubt: None };
     match &args.until {
         None if !args.watch => {
             let report = source.read()?;
@@ -287,6 +288,8 @@ struct Source<'a> {
     events: Option<Subscription>,
     /// Why the engine that is there said nothing when it was asked last.
     silent: Option<DoorError>,
+    /// Why what was answered last is not known to come from the engine.
+    doubt: Option<Doubt>,
 }
 
 impl Source<'_> {
@@ -301,16 +304,18 @@ impl Source<'_> {
                 answer.map_err(super::side::door_error)?
             }
         };
-        StatusReport::new(&self.views, snapshot.as_ref(), self.silent.as_ref(), self.subject)
+        let report = StatusReport::new(&self.views, snapshot.as_ref(), self.silent.as_ref(), self.subject)?;
+        Ok(StatusReport { unverified: self.doubt.map(DoubtRow::from), ..report })
     }
 
     /// The engine's picture. An engine that comes, goes, or says nothing leaves what the store says.
     fn snapshot(&mut self) -> Result<Option<Snapshot>, DoorError> {
         let layout = Layout::new(&self.context.data);
         let Some(mut client) = Client::connect_within(&layout, HELLO_PATIENCE)? else {
-            self.events = None;
+            (self.events, self.doubt) = (None, None);
             return Ok(None);
         };
+        self.doubt = client.doubt();
         match client.look(LOOK_PATIENCE) {
             Ok(Reply::Snapshot { snapshot }) => {
                 if self.events.is_none() {

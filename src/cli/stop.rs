@@ -6,12 +6,14 @@
 use clap::Args;
 
 use super::decide::{REASON_BYTES_MAX, SigningArgs, identity, parse_identity};
-use super::side::Side;
+use super::side::{Side, told};
 use super::status::report::stopped_line;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_protocol::command::Command;
+use holdpoint_engine::door::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_registry::Layout;
 use holdpoint_text::Untrusted;
 
 /// The arguments of `stop`.
@@ -19,6 +21,9 @@ use holdpoint_text::Untrusted;
 #[command(after_help = "\
 The arm is stopped in the tick that runs, whatever is under way, and stays stopped, over restarts
 as well, until `holdpoint go`. This is no certified emergency stop.
+
+Exit code 0 says that the process that has the store stopped it; 6 that nobody confirmed it: press
+the emergency stop of the cell.
 
 Examples:
   holdpoint stop
@@ -89,11 +94,33 @@ fn parse_why(text: &str) -> Result<Untrusted, String> {
     Ok(text.into())
 }
 
-/// Stops the cell. Nothing is looked up before.
+/// Stops the cell. Nothing is looked up before; nothing counts but what the process says that has the store.
 pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let by = args.who.clone().unwrap_or_default();
     let reason = args.reason.as_ref().map_or_else(String::new, |reason| reason.raw().to_owned());
-    Side::open(context)?.carry_out(Command::Stop { by, reason }, out)
+    let call = StopCall::new(by, reason).map_err(CliError::internal)?;
+    let layout = Layout::new(&context.data);
+    let mut outcome = call.ask(&layout);
+    if matches!(outcome, StopOutcome::NoEngine) {
+        match Side::own(context) {
+            Ok(mut side) => outcome = StopOutcome::Answered(side.ask_request(call.request())?),
+            // One may have come up meanwhile; it takes the mark.
+            Err(error) => match call.ask(&layout) {
+                StopOutcome::NoEngine => return Err(error),
+                other => outcome = other,
+            },
+        }
+    }
+    match outcome {
+        StopOutcome::Answered(reply) => told(&reply, out),
+        StopOutcome::Marked(instead) => {
+            told(&Reply::Accepted { text: stopped_by_mark(&instead), version: None }, out)
+        }
+        StopOutcome::NoEngine => Err(CliError::internal("no engine, and none could be opened")),
+        StopOutcome::NotConfirmed(why) => {
+            Err(CliError::not_confirmed(not_confirmed(&why)).with_hint(NOT_CONFIRMED_HINT))
+        }
+    }
 }
 
 /// Lets the stopped cell work again.

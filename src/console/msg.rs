@@ -8,6 +8,7 @@ use super::keymap::Keymap;
 use super::model::Seeking;
 use super::operator::Operator;
 use super::prompt::OnScreen;
+use holdpoint_engine::door::Doubt;
 use holdpoint_engine::host::EndFault;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
@@ -41,8 +42,9 @@ pub enum MsgKind {
         events: Vec<Event>,
         earlier: u64,
     },
-    /// The console sits down at an engine of this process id: the first one, or another one than before.
-    Seated(Option<i32>),
+    /// The console sits down at an engine of this process id, the first one, or another one than before; and why what is
+    /// shown is not known to come from it.
+    Seated(Option<i32>, Option<Doubt>),
     /// A look for an engine found none.
     Sought(Seeking),
     Answer {

@@ -53,7 +53,7 @@ pub fn update(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::EngineStarted
         | MsgKind::Events(_)
         | MsgKind::Past { .. }
-        | MsgKind::Seated(_)
+        | MsgKind::Seated(..)
         | MsgKind::Sought(_)
         | MsgKind::Answer { .. }
         | MsgKind::Lagged(_)
@@ -92,7 +92,7 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
         MsgKind::EngineStarted => engine::started(model),
         MsgKind::Events(events) => engine::events(model, events),
         MsgKind::Past { events, earlier } => engine::past(model, &events, earlier),
-        MsgKind::Seated(process) => engine::seated(model, process),
+        MsgKind::Seated(process, doubt) => engine::seated(model, process, doubt),
         MsgKind::Sought(seeking) => {
             model.told.seeking = Some(seeking);
             Vec::new()

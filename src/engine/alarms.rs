@@ -133,6 +133,7 @@ impl Record {
             AlarmKey::RolledBack(_)
             | AlarmKey::Shifted(_)
             | AlarmKey::KeptFalse
+            | AlarmKey::NameTaken
             | AlarmKey::TelemetryMissed => true,
             AlarmKey::Escalated(version) => {
                 monitors.of(version).is_none_or(|watched| watched.monitor.escalation().is_none())

@@ -99,6 +99,14 @@ impl<'a> Anteroom<'a> {
         self.door.show(views);
     }
 
+    /// As [`Door::serve_seats`].
+    ///
+    /// # Errors
+    /// [`StartError::Door`].
+    pub fn serve_seats(&mut self, folder: &std::path::Path) -> Result<(), StartError> {
+        Ok(self.door.serve_seats(folder)?)
+    }
+
     /// Where it is put how the live scene is served.
     #[must_use]
     pub fn scenes(&self) -> Scenes {

@@ -3,20 +3,23 @@
 //! The engine is synchronous and belongs to one thread; the socket is served by another. Requests reach the
 //! engine through a bounded queue and are carried out between two slices ([`Door::poll`]); what it tells goes to
 //! every subscriber through a bounded ring ([`Door::publish`]), of which a slow one loses the oldest and is told
-//! how many. Who may connect is the process's own user and nobody else.
+//! how many. Who may connect is the process's own user, and members of a group at a second socket ([`Door::serve_seats`]).
 //!
 //! Must not decide anything, and must not keep the engine waiting: nothing here blocks it but [`Door::wait`].
 
+mod accounts;
 mod attended;
 mod classes;
 mod client;
+mod origin;
 mod seats;
 mod server;
 mod socket;
+mod stop_call;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
@@ -28,11 +31,15 @@ use tokio_util::sync::CancellationToken;
 pub use attended::{LET_GO_AFTER, LiveViews, PAST_MAX, READS_WITHIN, SHOWN_TO_NOBODY};
 pub use classes::{ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
 pub use client::{Attachment, Client, Notification, Sayer, Shown, Subscription};
+pub use origin::{Doubt, Origin};
 pub use seats::{Seat, Seats};
 pub use socket::socket_path;
+pub use stop_call::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};
 
+use self::accounts::Accounts;
 use self::classes::Classes;
 use super::Engine;
+use crate::stop_mark::MarkWatch;
 use crate::world::switch::Switch;
 use holdpoint_protocol::command::{Caller, Command, Reply, Request};
 use holdpoint_protocol::event::Event;
@@ -175,6 +182,14 @@ pub struct Door {
     /// What happened last, for whoever attaches later.
     past: Arc<Mutex<attended::Past>>,
     scenes: Scenes,
+    /// For a second socket.
+    server: server::DoorServer,
+    /// The socket of other accounts' seats: its folder, its name, and who serves it.
+    seats_socket: Option<(socket::SeatsFolder, PathBuf, JoinHandle<()>)>,
+    /// How often the socket's name was taken, and how often of these the engine was told.
+    names_taken: (Arc<AtomicU64>, u64),
+    /// Sees a stop that is asked for by a mark in the store's folder. Ends before the socket's name is free.
+    marks: Option<MarkWatch>,
 }
 
 /// How the live scene is served; empty as long as it cannot be.
@@ -195,7 +210,9 @@ impl Door {
         signals: Signals,
     ) -> Result<Self, DoorError> {
         let socket = socket_path(layout);
-        let listener = socket::bind(&socket)?;
+        let listener = socket::bind(&socket, socket::Openness::Owner)?;
+        let marks = MarkWatch::start(layout.clone(), Arc::clone(&switch))
+            .map_err(DoorError::io("watch", layout.folder()))?;
         let (sender, incoming) = sync_channel(REQUESTS_MAX);
         let (events, _) = broadcast::channel(EVENTS_KEPT);
         let endings = Arc::new(AtomicUsize::new(0));
@@ -203,6 +220,7 @@ impl Door {
         let (seats, shown) = (Arc::<Seats>::default(), Arc::<attended::Shown>::default());
         let past = Arc::<Mutex<attended::Past>>::default();
         let scenes = Scenes::default();
+        let names_taken = Arc::<AtomicU64>::default();
         let serve = server::DoorServer {
             requests: sender,
             events: events.clone(),
@@ -215,7 +233,10 @@ impl Door {
             shown: Arc::clone(&shown),
             past: Arc::clone(&past),
             scenes: Arc::clone(&scenes),
+            names_taken: Arc::clone(&names_taken),
+            accounts: Accounts::Owner { uid: rustix::process::geteuid().as_raw() },
         };
+        let server = serve.clone();
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
         Ok(Self {
             incoming,
@@ -231,7 +252,25 @@ impl Door {
             shown,
             past,
             scenes,
+            server,
+            seats_socket: None,
+            names_taken: (names_taken, 0),
+            marks: Some(marks),
         })
+    }
+
+    /// Listens in a second folder as well, for the group of that folder.
+    ///
+    /// # Errors
+    /// [`DoorError`]: others may write to the folder, or it is another engine's.
+    pub fn serve_seats(&mut self, folder: &Path) -> Result<(), DoorError> {
+        let taken = socket::SeatsFolder::take(folder)?;
+        let path = socket_path(&Layout::new(folder));
+        let listener = taken.bind(&path)?;
+        let server = server::DoorServer { accounts: Accounts::Seats, ..self.server.clone() };
+        let thread = server.start(listener, Signals::Left).map_err(DoorError::io("serve", &path))?;
+        self.seats_socket = Some((taken, path, thread));
+        Ok(())
     }
 
     /// Has the engine shown to whoever attaches, from now on.
@@ -362,6 +401,13 @@ impl Door {
         }
     }
 
+    /// How often another program took the socket's name by now, if it did since this was asked last.
+    pub(crate) fn name_taken_anew(&mut self) -> Option<u64> {
+        let (count, told) = &mut self.names_taken;
+        let now = count.load(Ordering::Acquire);
+        (std::mem::replace(told, now) != now).then_some(now)
+    }
+
     /// How often a signal asked the process to end.
     #[must_use]
     pub fn endings_asked(&self) -> usize {
@@ -390,6 +436,7 @@ fn note_ending(seats: &Seats, request: &Request, caller: &Caller) {
 
 impl Drop for Door {
     fn drop(&mut self) {
+        drop(self.marks.take());
         self.stop.cancel();
         // Requests that wait are answered by their connections: the engine ends.
         self.waiting = None;
@@ -398,7 +445,11 @@ impl Drop for Door {
         if let Some(thread) = self.thread.take() {
             drop(thread.join());
         }
-        // The store's lock is still held: the name is this engine's own.
+        // The store's lock is still held, and that of the seats' folder: the names are this engine's own.
         drop(std::fs::remove_file(&self.socket));
+        if let Some((_folder, path, thread)) = self.seats_socket.take() {
+            drop(thread.join());
+            drop(std::fs::remove_file(path));
+        }
     }
 }

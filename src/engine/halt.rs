@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 use crate::caller;
 use crate::operations::REASON_BYTES_MAX;
 use crate::record::Record;
+use crate::stop_mark;
 use crate::world::LiveWorld;
 use crate::world::switch::AskedStop;
 
@@ -80,12 +81,15 @@ pub(crate) fn write_again(record: &mut Record, world: &mut LiveWorld) -> Result<
 /// If the store cannot be read.
 pub(crate) fn stay(record: &Record, world: &mut LiveWorld) -> Result<(), StoreError> {
     let store = record.ledger().store();
-    if let Some(halted) = recall(&store.views()?)? {
+    if let Some(halted) = on_record(&store.views()?)? {
         world.stay_halted(halted);
     }
     if let Some(text) = store.layout().marked_stop() {
         let StopOnRecord { by, caller, reason } = StopOnRecord::read(&text);
         world.switch().halt(AskedStop { id: "unrecorded".to_owned(), by, reason, caller });
+    }
+    if let Some(found) = stop_mark::look(store.layout()) {
+        world.switch().halt(found.asked);
     }
     Ok(())
 }
@@ -104,7 +108,7 @@ pub(crate) fn take_in(record: &mut Record, world: &mut LiveWorld) -> Result<(), 
 }
 
 fn note(record: &mut Record, world: &mut LiveWorld, asked: AskedStop) -> Result<(), StoreError> {
-    let AskedStop { mut by, mut reason, caller, id: _ } = asked;
+    let AskedStop { mut by, mut reason, caller, id } = asked;
     // Nobody is sent back for a long name while an arm moves.
     for text in [&mut by, &mut reason] {
         text.truncate(text.floor_char_boundary(REASON_BYTES_MAX));
@@ -123,14 +127,21 @@ fn note(record: &mut Record, world: &mut LiveWorld, asked: AskedStop) -> Result<
         Err(StoreError::Unknown)
     };
     let layout = record.ledger().store().layout();
-    match &written {
-        Ok(()) => layout.unmark_stop(),
+    let kept = match &written {
+        Ok(()) => {
+            layout.unmark_stop();
+            true
+        }
         Err(_) => {
             // Where nothing at all can be written, the arm is stopped as long as this engine lives.
-            drop(layout.mark_stop(world.unwritten.bodies.first().unwrap_or(&body)));
+            let marked = layout.mark_stop(world.unwritten.bodies.first().unwrap_or(&body)).is_ok();
             world.unwritten.bodies.push(body);
             world.unwritten.tried = Some(Instant::now());
+            marked
         }
+    };
+    if kept {
+        stop_mark::settle(layout, &id);
     }
     written
 }
@@ -174,6 +185,14 @@ pub(crate) fn go(
         };
         return refuse(Refusal::NotNow, &text);
     }
+    if stop_mark::is_there(record.ledger().store().layout()) {
+        let path = record.ledger().store().layout().stop_asked();
+        return Ok(Reply::Refused {
+            code: Refusal::NotNow,
+            text: format!("a stop is asked for: {path:?} lies in the store's folder"),
+            hint: Some("try again in a moment; what stays there is taken away by hand".to_owned()),
+        });
+    }
     let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
     if !fits(&by) || !fits(&reason) {
         let text =
@@ -200,6 +219,20 @@ const RECALLED_MAX: usize = 256;
 /// # Errors
 /// If the store cannot be read.
 pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
+    if let Some(stopped) = on_record(views)? {
+        return Ok(Some(stopped));
+    }
+    let layout = views.folder().map(Layout::new);
+    let asked = || layout.as_ref().and_then(stop_mark::look).map(|found| found.asked.into());
+    let marked = layout.as_ref().and_then(Layout::marked_stop);
+    let marked = marked.map(|text| StopOnRecord::read(&text)).or_else(asked);
+    // When it was asked for is on no record: after the last there is.
+    let since_ms = views.head()?.at_ms;
+    Ok(marked.map(|stop| stop.view(since_ms)))
+}
+
+/// A stop that nobody has ended, as the chain has it.
+fn on_record(views: &Views) -> Result<Option<StoppedView>, StoreError> {
     let newest = AuditFilter {
         kind: Some(RecordKind::CellReleased),
         limit: 1,
@@ -214,18 +247,19 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
         ..AuditFilter::default()
     };
     let mut found = views.audit(&since)?.into_iter();
-    let Some(first) = found.next() else {
-        let marked = views.folder().and_then(|folder| Layout::new(folder).marked_stop());
-        // When it was asked for is on no record: after the last there is.
-        let since_ms = views.head()?.at_ms;
-        return Ok(marked.map(|text| StopOnRecord::read(&text).view(since_ms)));
-    };
+    let Some(first) = found.next() else { return Ok(None) };
     let mut stopped = StopOnRecord::read(&first.body).view(first.at_ms);
     for record in found {
         let StopOnRecord { by, caller, reason } = StopOnRecord::read(&record.body);
         stopped.note_again(StopAgain { by, caller, reason, at_ms: record.at_ms });
     }
     Ok(Some(stopped))
+}
+
+impl From<AskedStop> for StopOnRecord {
+    fn from(AskedStop { by, caller, reason, id: _ }: AskedStop) -> Self {
+        Self { by, caller, reason }
+    }
 }
 
 impl StopOnRecord {

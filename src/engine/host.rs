@@ -32,7 +32,7 @@ use self::publisher::Publisher;
 use self::serving::{Serving, said};
 pub use self::update::{EndFault, OUTSTANDING_MAX, UPDATES_MAX, Update};
 use super::Config;
-use super::door::{Client, DoorError, LiveViews, Seat, Seats, Signals};
+use super::door::{Client, DoorError, Doubt, LiveViews, Seat, Seats, Signals};
 use super::pump::Pump;
 use crate::anteroom::{Anteroom, LOOK_PATIENCE, ReadWatch};
 use crate::cell::Cell;
@@ -67,6 +67,8 @@ pub struct HostConfig {
     pub sinks: Vec<MakeSink>,
     /// For how long it works with nobody at a seat, before it ends in good order; absent for ever.
     pub alone_max: Option<Duration>,
+    /// A second folder to listen in, for other accounts' seats.
+    pub seats: Option<PathBuf>,
 }
 
 impl HostConfig {
@@ -270,6 +272,15 @@ impl Host {
     pub const fn process(&self) -> Option<i32> {
         match &self.way {
             Way::Socket(attached) => Some(attached.process()),
+            Way::Thread(_) | Way::Coming(_) => None,
+        }
+    }
+
+    /// Why what another process shows is not known to come from the engine that has the store.
+    #[must_use]
+    pub fn doubt(&self) -> Option<Doubt> {
+        match &self.way {
+            Way::Socket(attached) => attached.doubt(),
             Way::Thread(_) | Way::Coming(_) => None,
         }
     }
@@ -487,6 +498,9 @@ fn start(
         cache: EpisodeCache::InStore,
     };
     let mut anteroom = Anteroom::open(engine_config, Signals::Taken, watch).map_err(EndFault::from)?;
+    if let Some(folder) = &config.seats {
+        anteroom.serve_seats(folder).map_err(EndFault::from)?;
+    }
     // It is set once, here.
     drop(early.shared.switch.set(anteroom.switch()));
     anteroom.show(views);
@@ -538,6 +552,7 @@ mod tests {
             pace: None,
             sinks: Vec::new(),
             alone_max: None,
+            seats: None,
         }
     }
 

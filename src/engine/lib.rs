@@ -44,6 +44,7 @@ mod retake;
 mod shift_note;
 pub mod stages;
 mod stated;
+mod stop_mark;
 pub mod trial;
 pub mod tryout;
 mod view;
@@ -478,6 +479,11 @@ impl Engine {
     /// The engine's thread failed: nothing is approved, activated or begun from now on.
     pub fn fail(&mut self, why: &str) {
         self.pipeline.hold(why);
+    }
+
+    /// Another program took the name of the socket; so many times by now.
+    pub(crate) fn name_taken(&mut self, times: u64) {
+        self.pipeline.name_taken(times);
     }
 
     /// A script's clock jumps to a deadline. Tells whether it moved.

@@ -124,6 +124,9 @@ impl Pump {
     fn requests(&mut self) {
         let Some(door) = &mut self.door else { return };
         door.poll(&mut self.engine);
+        if let Some(times) = door.name_taken_anew() {
+            self.engine.name_taken(times);
+        }
         if door.endings_asked() > 0 && !self.engine.has_ended() {
             self.engine.submit(Request::unsigned("signal-to-end".to_owned(), Command::Shutdown));
         }

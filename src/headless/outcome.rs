@@ -37,7 +37,7 @@ pub(super) fn outcome_of(view: &CandidateView) -> Exit {
 /// How a run ends that followed these: as the one that went worst. A run that followed none judged nothing.
 pub(super) fn worst(followed: &[Followed]) -> Exit {
     let weight = |exit: Exit| match exit {
-        Exit::NothingJudged => 0,
+        Exit::NothingJudged | Exit::NotConfirmed => 0,
         Exit::Confirmed => 1,
         Exit::Rejected => 2,
         Exit::Held => 3,

@@ -103,6 +103,12 @@ impl Layout {
         self.folder.join("stop.unrecorded")
     }
 
+    /// A stop of the cell that somebody asks for by this mark, whoever answers at the socket.
+    #[must_use]
+    pub fn stop_asked(&self) -> PathBuf {
+        self.folder.join("stop.asked")
+    }
+
     /// Keeps a stop beside the database, until it is on record.
     ///
     /// # Errors

@@ -27,6 +27,7 @@ mod export_line;
 mod exported;
 pub mod failpoint;
 mod fold;
+mod holder;
 mod info;
 mod invariants;
 mod kept;
@@ -81,6 +82,7 @@ pub use entries::{
 };
 pub use error::StoreError;
 pub use exported::{ExportReport, Exporting, export_store, is_exported, verify_export};
+pub use holder::{LockHolder, lock_holder, lock_sharers};
 pub use info::{Looked, StoreInfo, check_store, store_info};
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use kept::{Found, KeptCells, KeptSecret};

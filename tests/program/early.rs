@@ -68,6 +68,7 @@ fn start(folder: &Path, watch: ReadWatch) -> Host {
         pace: Some(1.0),
         sinks: Vec::new(),
         alone_max: Some(Duration::from_hours(1)),
+        seats: None,
     };
     Host::start_watched(config, watch)
 }

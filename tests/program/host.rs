@@ -46,6 +46,7 @@ impl Front {
             pace,
             sinks: scenes.sinks().unwrap(),
             alone_max: None,
+            seats: None,
         });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), asked: 0 };

@@ -22,6 +22,7 @@ mod explain;
 mod film;
 mod health;
 mod host;
+mod impostor;
 mod kept;
 mod keys;
 mod mended;

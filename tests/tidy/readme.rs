@@ -102,6 +102,7 @@ fn exit_codes_are_the_programs() {
             Exit::Held => "held",
             Exit::RolledBack => "rolled back",
             Exit::NothingJudged => "nothing was judged",
+            Exit::NotConfirmed => "not confirmed",
             Exit::Internal => "internal",
         };
         if !said.get(&exit.code().to_string()).is_some_and(|meaning| meaning.contains(word)) {

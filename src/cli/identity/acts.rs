@@ -10,7 +10,7 @@ use crate::cli::decide::{parse_identity, parse_reason};
 use crate::cli::output::Output;
 use crate::cli::passphrase;
 use crate::cli::prune::wall_ms;
-use crate::cli::side::{door_error, refused, running};
+use crate::cli::side::{door_error, not_confirmed, refused, running};
 use crate::error::CliError;
 use holdpoint_approvals::agent::Agent;
 use holdpoint_approvals::keyfile::{self, Protection};
@@ -120,7 +120,11 @@ impl Register {
         match self.taker {
             Taker::Engine(mut client) => {
                 let command = Command::Person { signed: Box::new(signed) };
-                match client.ask(command).map_err(|error| NotTaken::Unknown(door_error(error)))? {
+                let reply = client.ask(command).map_err(|error| NotTaken::Unknown(door_error(error)))?;
+                if let Some(doubt) = client.doubt() {
+                    return Err(NotTaken::Unknown(not_confirmed(doubt, &reply)));
+                }
+                match reply {
                     Reply::Accepted { .. } => Ok(()),
                     Reply::Refused { code, text, hint } => {
                         Err(NotTaken::Refused(refused(code, &text, hint.as_deref())))

@@ -11,7 +11,7 @@ use super::StatusSubject;
 use super::waiting::WaitingRow;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
-use holdpoint_engine::door::DoorError;
+use holdpoint_engine::door::{DoorError, Doubt};
 use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::decision::telling;
@@ -35,6 +35,9 @@ pub(super) struct StatusReport {
     /// Why the engine that is there said nothing, if so: what is shown is what the store holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) silent: Option<String>,
+    /// Why what was answered is not known to come from the engine.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) unverified: Option<DoubtRow>,
     /// The last record, where the engine said nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) last_record: Option<AuditRecord>,
@@ -58,6 +61,13 @@ pub(super) struct StatusReport {
     /// Versions that one person may let in by the emergency door, if an engine runs.
     pub(super) emergencies: Vec<CapabilityId>,
     pub(super) alarms: Vec<AlarmRow>,
+}
+
+/// That an answer is not known to come from the engine.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct DoubtRow {
+    code: &'static str,
+    text: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -191,6 +201,7 @@ impl StatusReport {
                 None => views.folder().and_then(|folder| lock_owner(&Layout::new(folder)).ok()?),
             },
             silent: silent.map(ToString::to_string),
+            unverified: None,
             last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
             reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
@@ -244,6 +255,7 @@ impl StatusReport {
                 None => format!("engine   not running, last profile {profile}"),
             },
         });
+        lines.extend(self.unverified.as_ref().map(|doubt| format!("DOUBT    {}", doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped.as_ref().map(stopped_line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
@@ -294,6 +306,12 @@ pub(in crate::cli) fn stopped_line(stopped: &StoppedView) -> String {
     }
     line.push_str(&format!("; `holdpoint go --stops {}` says that all of it is known", stopped.stops));
     line
+}
+
+impl From<Doubt> for DoubtRow {
+    fn from(doubt: Doubt) -> Self {
+        Self { code: Doubt::CODE, text: doubt.to_string() }
+    }
 }
 
 impl FamilyStatusRow {

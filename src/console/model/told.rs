@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::framing::Framing;
 use super::headway::Headway;
 use super::order::{SortBy, SortOrder};
+use holdpoint_engine::door::Doubt;
 use holdpoint_engine::host::EndFault;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
@@ -198,6 +199,8 @@ pub struct Told {
     pub begun: bool,
     /// Process id of an engine in another process; absent if it is this one's.
     pub process: Option<i32>,
+    /// Why what is shown is not known to come from the engine; absent if it is known to, or is this one's.
+    pub doubt: Option<Doubt>,
     /// How the search for an engine goes; absent while one is here.
     pub seeking: Option<Seeking>,
     /// A stop that is not confirmed.

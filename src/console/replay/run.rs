@@ -217,7 +217,7 @@ impl Showing {
             | msg::MsgKind::EngineStarted
             | msg::MsgKind::Events(_)
             | msg::MsgKind::Past { .. }
-            | msg::MsgKind::Seated(_)
+            | msg::MsgKind::Seated(..)
             | msg::MsgKind::Sought(_)
             | msg::MsgKind::Answer { .. }
             | msg::MsgKind::Lagged(_)

@@ -140,6 +140,7 @@ impl Session {
             EngineAt::Elsewhere(host) => {
                 model.told.link = EngineLink::Attached;
                 model.told.process = host.process();
+                model.told.doubt = host.doubt();
                 *host
             }
             EngineAt::Begun(coming, begin) => {
@@ -310,12 +311,12 @@ impl Session {
             Ok(begun) => {
                 let Begun { host, notice } = *begun;
                 let is_own = !host.is_attached();
-                let process = host.process();
+                let (process, doubt) = (host.process(), host.doubt());
                 self.hands.host = host;
                 if is_own {
                     self.model.told.link = EngineLink::Own;
                 } else {
-                    self.take(MsgKind::Seated(process), Want::Story);
+                    self.take(MsgKind::Seated(process, doubt), Want::Story);
                 }
                 if let Some(text) = notice {
                     self.take(MsgKind::Done { text, bad: true }, Want::Story);
@@ -359,9 +360,9 @@ impl Session {
             Ok(host) => {
                 self.seek = None;
                 self.ended = None;
-                let process = host.process();
+                let (process, doubt) = (host.process(), host.doubt());
                 self.hands.host = *host;
-                self.take(MsgKind::Seated(process), Want::Story);
+                self.take(MsgKind::Seated(process, doubt), Want::Story);
             }
             Err(said) => {
                 let pause = SEEK_FIRST.saturating_mul(1 << seek.tries.min(8)).min(SEEK_PAUSE_MAX);

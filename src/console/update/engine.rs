@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::{asking, halted, operating, overlays, tell, why};
 use crate::effect::{Effect, Question};
 use crate::model::{AskedFor, EngineLink, EngineState, Headway, LOG_MAX, Model, Overlay, StoryLine, View};
+use holdpoint_engine::door::Doubt;
 use holdpoint_engine::host::EndFault;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::ids::CapabilityId;
@@ -43,7 +44,7 @@ pub(super) fn ended(model: &mut Model, how: Result<(), EndFault>) -> Vec<Effect>
 
 /// The console sits down at an engine: where it is stays as it was, what was asked of another engine is not answered any
 /// more, and its story goes on below what the other one told.
-pub(super) fn seated(model: &mut Model, process: Option<i32>) -> Vec<Effect> {
+pub(super) fn seated(model: &mut Model, process: Option<i32>, doubt: Option<Doubt>) -> Vec<Effect> {
     let came_back = matches!(model.told.engine, EngineState::Ended(_));
     let is_same = process.is_some() && model.told.process == process;
     if let Some(last) = model.told.story.back().filter(|_| !is_same).cloned() {
@@ -52,6 +53,7 @@ pub(super) fn seated(model: &mut Model, process: Option<i32>) -> Vec<Effect> {
         model.told.story_base = last.seq + 2;
     }
     model.told.process = process;
+    model.told.doubt = doubt;
     model.told.link = EngineLink::Attached;
     model.told.engine = EngineState::Starting;
     model.told.seeking = None;

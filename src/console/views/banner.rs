@@ -64,6 +64,9 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         row.push(ThemeRole::Text, " ");
         row.push(role, text);
     };
+    if let Some(doubt) = model.told.doubt.filter(|_| !matches!(model.told.engine, EngineState::Ended(_))) {
+        say(ThemeRole::Problem, doubt.short());
+    }
     if model.settings.read_only {
         say(ThemeRole::ReadOnly, " READ-ONLY ");
     }

@@ -2,11 +2,12 @@
 
 use std::io::{self, BufRead, BufReader, Read as _, Write as _};
 use std::net::SocketAddr;
+use std::os::unix::fs::MetadataExt as _;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::{DoorError, socket, socket_path};
+use super::{DoorError, Doubt, Origin, socket, socket_path};
 use holdpoint_approvals::{Nonce, SignedCall};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::Event;
@@ -25,10 +26,11 @@ const REPLY_SECS: u64 = 120;
 /// How long an engine that does not read is waited for with a word about a seat.
 const SAY_MAX: Duration = Duration::from_millis(20);
 
-/// A connection to a running engine.
+/// A connection to a running engine, or to whoever answers in its place: see [`Client::doubt`].
 #[derive(Debug)]
 pub struct Client {
     lines: Lines,
+    origin: Origin,
 }
 
 /// A stream of events from a running engine.
@@ -41,6 +43,7 @@ pub struct Subscription {
 #[derive(Debug)]
 pub struct Attachment {
     lines: Lines,
+    origin: Origin,
     seat: u64,
 }
 
@@ -104,20 +107,27 @@ impl Client {
         };
         let peer = rustix::net::sockopt::socket_peercred(&stream)
             .map_err(|error| DoorError::io("look who serves", &path)(error.into()))?;
-        if peer.uid != rustix::process::geteuid() {
+        if peer.uid != rustix::process::geteuid() && !owns(layout.folder(), peer.uid) {
             return Err(DoorError::Foreign { path, uid: peer.uid.as_raw() });
         }
-        let mut lines =
-            Lines { path, process: peer.pid.as_raw_pid(), reader: BufReader::new(stream), line: Vec::new() };
+        let process = peer.pid.as_raw_pid();
+        let origin = Origin::of(process, layout.folder());
+        let mut lines = Lines { path, process, reader: BufReader::new(stream), line: Vec::new() };
         let Some(hello) = lines.next(patience)? else { return Err(lines.silent()) };
         match hello {
-            Answer::Hello { protocol: PROTOCOL, .. } => Ok(Some(Self { lines })),
+            Answer::Hello { protocol: PROTOCOL, .. } => Ok(Some(Self { lines, origin })),
             Answer::Hello { protocol, version, .. } => {
                 Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
             }
             Answer::Closed { text } => Err(lines.closed(text)),
             _ => Err(lines.protocol("its first line is no hello".to_owned())),
         }
+    }
+
+    /// Why what is answered here is not known to come from the engine; `None` if it is known to.
+    #[must_use]
+    pub fn doubt(&self) -> Option<Doubt> {
+        self.origin.doubt()
     }
 
     /// Asks for something and waits for the reply. Where the connection breaks before it, the same request is
@@ -219,7 +229,7 @@ impl Client {
     pub fn attach(mut self, sitting: Sitting) -> Result<Attachment, DoorError> {
         self.lines.send(&Call::Attach { sitting })?;
         match self.lines.expect(HELLO_SECS)? {
-            Answer::Attached { seat } => Ok(Attachment { lines: self.lines, seat }),
+            Answer::Attached { seat } => Ok(Attachment { lines: self.lines, origin: self.origin, seat }),
             Answer::Closed { text } => Err(self.lines.closed(text)),
             _ => Err(self.lines.protocol("that is no seat".to_owned())),
         }
@@ -266,6 +276,12 @@ impl Attachment {
     #[must_use]
     pub const fn process(&self) -> i32 {
         self.lines.process
+    }
+
+    /// As [`Client::doubt`].
+    #[must_use]
+    pub fn doubt(&self) -> Option<Doubt> {
+        self.origin.doubt()
     }
 
     /// What is shown next; `None` if nothing was within `at_most`.
@@ -401,6 +417,11 @@ impl Lines {
     fn protocol(&self, problem: String) -> DoorError {
         DoorError::Protocol { path: self.path.clone(), problem }
     }
+}
+
+/// Whether a folder is an account's, and nobody else may write to it: whose socket lies there was put there by that account.
+fn owns(folder: &Path, account: rustix::process::Uid) -> bool {
+    std::fs::metadata(folder).is_ok_and(|found| found.uid() == account.as_raw() && found.mode() & 0o022 == 0)
 }
 
 /// Whether a signal stopped a process (its state is T), as far as the system tells.

@@ -1,7 +1,7 @@
 //! The socket's thread: accepts, checks who it is, reads calls, writes answers.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -16,6 +16,7 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, timeout};
 use tokio_util::sync::CancellationToken;
 
+use super::accounts::{Account, Accounts};
 use super::attended::{Past, Shown};
 use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
 use super::seats::Seats;
@@ -61,6 +62,8 @@ pub(super) struct DoorServer {
     pub(super) shown: Arc<Shown>,
     pub(super) past: Arc<Mutex<Past>>,
     pub(super) scenes: Scenes,
+    pub(super) names_taken: Arc<AtomicU64>,
+    pub(super) accounts: Accounts,
 }
 
 impl DoorServer {
@@ -92,8 +95,8 @@ impl DoorServer {
     }
 
     async fn accept(self, (mut listener, mut place): (UnixListener, SocketPlace)) {
-        let own_uid = rustix::process::geteuid().as_raw();
         let mut open = JoinSet::new();
+        let mut lost = false;
         let mut look = tokio::time::interval(LOOK_EVERY);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
@@ -101,11 +104,17 @@ impl DoorServer {
                 () = self.stop.cancelled() => break,
                 _ = look.tick() => {
                     // Whoever removed it took the way to stop with it. What cannot be had now is tried again.
-                    if !place.is_ours()
-                        && let Ok(anew) = place.bind_anew()
+                    if place.is_ours() {
+                        continue;
+                    }
+                    if !std::mem::replace(&mut lost, true) {
+                        self.names_taken.fetch_add(1, Ordering::AcqRel);
+                        drop(self.requests.try_send(Incoming::Wake));
+                    }
+                    if let Ok(anew) = place.bind_anew()
                         && let Ok(anew_listener) = UnixListener::from_std(anew.listener)
                     {
-                        (listener, place) = (anew_listener, anew.place);
+                        (listener, place, lost) = (anew_listener, anew.place, false);
                     }
                     continue;
                 }
@@ -116,13 +125,14 @@ impl DoorServer {
                 tokio::time::sleep(ACCEPT_PAUSE).await;
                 continue;
             };
+            let Ok(peer) = stream.peer_cred() else { continue };
             // Somebody else's process gets no word.
-            let Some(peer) = stream.peer_cred().ok().filter(|peer| peer.uid() == own_uid) else { continue };
+            let Some(account) = self.accounts.of(peer.uid()) else { continue };
             let caller = caller::named(peer.uid(), peer.pid().and_then(|pid| u32::try_from(pid).ok()));
             let server = self.clone();
             open.spawn(async move {
                 // A client that goes away, or does not read, has only itself to tell.
-                drop(server.connection(stream, caller).await);
+                drop(server.connection(stream, caller, account).await);
             });
         }
         drop(listener);
@@ -130,7 +140,7 @@ impl DoorServer {
         drop(timeout(CLOSING_MAX, closing).await);
     }
 
-    async fn connection(self, stream: UnixStream, caller: Caller) -> io::Result<()> {
+    async fn connection(self, stream: UnixStream, caller: Caller, account: Account) -> io::Result<()> {
         let (mut reader, mut writer) = greeted(stream).await?;
         loop {
             let silent = self.classes.silent();
@@ -180,7 +190,12 @@ impl DoorServer {
                     return write(&mut writer, &Answer::Closed { text }).await;
                 }
                 Read::Call(Call::Ask { request }) => {
-                    let reply = self.ask(request, &caller).await;
+                    let reply = if account.may(request.command.authority()) {
+                        self.ask(request, &caller).await
+                    } else {
+                        let text = "this account may not ask for that here".to_owned();
+                        Reply::Refused { code: Refusal::NotAllowed, text, hint: None }
+                    };
                     write(&mut writer, &Answer::Reply { reply: Box::new(reply) }).await?;
                 }
             }

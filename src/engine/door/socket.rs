@@ -1,9 +1,9 @@
 //! The socket's file: its name, its limits, and what an engine that is gone left.
 
-use std::fs::{self, Permissions};
+use std::fs::{self, File, Permissions};
 use std::io::ErrorKind;
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt, chown};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
@@ -13,13 +13,19 @@ use holdpoint_registry::Layout;
 /// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
 pub(super) const PATH_BYTES_MAX: usize = 107;
 
-/// What had the name of a socket at work and was moved aside; beyond so many the last is replaced.
-const ASIDE_MAX: u32 = 100;
-
 /// Where the engine of a store listens.
 #[must_use]
 pub fn socket_path(layout: &Layout) -> PathBuf {
     layout.folder().join("engine.sock")
+}
+
+/// Who may connect to a socket, as its file has it.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Openness {
+    /// The owner alone.
+    Owner,
+    /// Members of this group as well.
+    Group(u32),
 }
 
 /// A socket that is listened at, and where.
@@ -31,28 +37,62 @@ pub(super) struct BoundSocket {
 /// The name of a socket, and the file that had it when it was bound.
 pub(super) struct SocketPlace {
     path: PathBuf,
+    openness: Openness,
     file: Option<(u64, u64)>,
 }
 
 impl SocketPlace {
-    fn of(path: &Path) -> Self {
-        Self { path: path.to_owned(), file: file_at(path) }
-    }
-
     /// Whether the name still leads to this socket.
     pub(super) fn is_ours(&self) -> bool {
         self.file.is_some() && file_at(&self.path) == self.file
     }
 
-    /// Listens at the name once more. The store is this engine's: whatever has the name meanwhile is moved aside.
+    /// Listens at the name once more. The store is this engine's: a socket, a link or a pipe that has the name meanwhile
+    /// is replaced. A file or a folder may hold somebody's work: the last one of these is kept as `engine.sock.aside`.
     pub(super) fn bind_anew(&self) -> Result<BoundSocket, DoorError> {
-        if fs::symlink_metadata(&self.path).is_ok() {
-            let aside = |nth: u32| self.path.with_extension(format!("sock.aside-{nth}"));
-            let free = (1..=ASIDE_MAX).map(aside).find(|path| fs::symlink_metadata(path).is_err());
-            let free = free.unwrap_or_else(|| aside(ASIDE_MAX));
-            fs::rename(&self.path, &free).map_err(DoorError::io("move aside", &self.path))?;
+        let path = &self.path;
+        let found = fs::symlink_metadata(path).ok();
+        if found.is_some_and(|found| found.is_file() || found.is_dir()) && fs::remove_dir(path).is_err() {
+            let aside = path.with_extension("sock.aside");
+            // A folder takes the place of none but an empty one.
+            drop(fs::remove_file(&aside));
+            fs::rename(path, &aside).map_err(DoorError::io("move aside", path))?;
         }
-        bind(&self.path)
+        listen(path, self.openness)
+    }
+}
+
+/// A folder for the socket of other accounts' seats, which this process holds as long as this lives: clients know by the
+/// lock whose socket lies in it.
+#[derive(Debug)]
+pub(super) struct SeatsFolder {
+    /// Its lock ends with it.
+    _lock: File,
+    group: u32,
+}
+
+impl SeatsFolder {
+    /// Takes a folder that nobody but this process's account may write to.
+    pub(super) fn take(folder: &Path) -> Result<Self, DoorError> {
+        let taken = |problem| DoorError::Taken {
+            path: folder.to_owned(),
+            problem,
+            hint: "make it the engine's own: `chown` to its account, the group of the seats, `chmod 0750`",
+        };
+        let lock = File::open(folder).map_err(DoorError::io("open", folder))?;
+        let found = lock.metadata().map_err(DoorError::io("look at", folder))?;
+        if !found.is_dir() {
+            return Err(taken("is no folder"));
+        }
+        if found.uid() != rustix::process::geteuid().as_raw() || found.mode() & 0o022 != 0 {
+            return Err(taken("may be written to by others than this account"));
+        }
+        lock.try_lock().map_err(|_| taken("is another engine's folder for seats"))?;
+        Ok(Self { _lock: lock, group: found.gid() })
+    }
+
+    pub(super) fn bind(&self, path: &Path) -> Result<BoundSocket, DoorError> {
+        bind(path, Openness::Group(self.group))
     }
 }
 
@@ -61,7 +101,7 @@ fn file_at(path: &Path) -> Option<(u64, u64)> {
 }
 
 /// Listens at `path`. The caller's engine holds the store's lock, so a socket nobody answers at is a leftover.
-pub(super) fn bind(path: &Path) -> Result<BoundSocket, DoorError> {
+pub(super) fn bind(path: &Path, openness: Openness) -> Result<BoundSocket, DoorError> {
     check_length(path)?;
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => {}
@@ -76,11 +116,32 @@ pub(super) fn bind(path: &Path) -> Result<BoundSocket, DoorError> {
         }
         Ok(_) => fs::remove_file(path).map_err(DoorError::io("remove the old socket", path))?,
     }
-    let listener = UnixListener::bind(path).map_err(DoorError::io("listen at", path))?;
-    fs::set_permissions(path, Permissions::from_mode(0o600))
+    listen(path, openness)
+}
+
+/// Listens under another name, which then takes the place of `path`: whoever has that meanwhile loses it in one step.
+fn listen(path: &Path, openness: Openness) -> Result<BoundSocket, DoorError> {
+    let new = path.with_extension("new");
+    match fs::remove_file(&new) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            return Err(DoorError::io("remove", &new)(error));
+        }
+        Ok(()) | Err(_) => {}
+    }
+    let listener = UnixListener::bind(&new).map_err(DoorError::io("listen at", path))?;
+    let mode = match openness {
+        Openness::Owner => 0o600,
+        Openness::Group(group) => {
+            chown(&new, None, Some(group)).map_err(DoorError::io("give to its group", path))?;
+            0o660
+        }
+    };
+    fs::set_permissions(&new, Permissions::from_mode(mode))
         .map_err(DoorError::io("set the permissions of", path))?;
     listener.set_nonblocking(true).map_err(DoorError::io("listen at", path))?;
-    Ok(BoundSocket { listener, place: SocketPlace::of(path) })
+    let place = SocketPlace { path: path.to_owned(), openness, file: file_at(&new) };
+    fs::rename(&new, path).map_err(DoorError::io("listen at", path))?;
+    Ok(BoundSocket { listener, place })
 }
 
 pub(super) fn check_length(path: &Path) -> Result<(), DoorError> {

@@ -155,6 +155,7 @@ pub(super) fn of_alarms(span: &Span, alarms: &[AlarmSpell]) -> Vec<HealthMark> {
             | AlarmKind::KeptFalse
             | AlarmKind::TelemetryMissed
             | AlarmKind::CheckpointFailed
+            | AlarmKind::NameTaken
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,
         };
         let family = family_of(&key);
@@ -209,6 +210,7 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
         | AlarmKey::KeptFalse
         | AlarmKey::TelemetryMissed
         | AlarmKey::CheckpointFailed
+        | AlarmKey::NameTaken
         | AlarmKey::EngineFault => None,
     }
 }

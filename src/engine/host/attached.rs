@@ -8,10 +8,10 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
-use super::elsewhere::code;
+use super::elsewhere::{code, stop};
 use super::update::{EndFault, OUTSTANDING_MAX, Update};
 use super::{NotTaken, take_place};
-use crate::door::{Attachment, Client, DoorError, Sayer, Shown};
+use crate::door::{Attachment, Client, DoorError, Doubt, Sayer, Shown, StopCall};
 use holdpoint_approvals::Nonce;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::picture::Picture;
@@ -37,6 +37,7 @@ pub(super) struct Attached {
     own: Nonce,
     seat: u64,
     process: i32,
+    doubt: Option<Doubt>,
     sitting: Sitting,
     sayer: Sayer,
 }
@@ -51,6 +52,7 @@ impl Attached {
     ) -> Result<Self, DoorError> {
         let attachment = client.attach(sitting.clone())?;
         let (seat, process, sayer) = (attachment.seat(), attachment.process(), attachment.sayer()?);
+        let doubt = attachment.doubt();
         let (requests, asked) = sync_channel(OUTSTANDING_MAX);
         let outstanding = Arc::new(AtomicUsize::new(0));
         let told = shows.0.clone();
@@ -64,12 +66,28 @@ impl Attached {
         thread("attached-asker")
             .spawn(move || pass_on((&folder, &of), &asked, &answers, &places))
             .map_err(failed)?;
-        Ok(Self { layout: layout.clone(), requests, outstanding, told, own, seat, process, sitting, sayer })
+        Ok(Self {
+            layout: layout.clone(),
+            requests,
+            outstanding,
+            told,
+            own,
+            seat,
+            process,
+            doubt,
+            sitting,
+            sayer,
+        })
     }
 
     /// Process id of the engine.
     pub(super) const fn process(&self) -> i32 {
         self.process
+    }
+
+    /// Why what is shown is not known to come from the engine.
+    pub(super) const fn doubt(&self) -> Option<Doubt> {
+        self.doubt
     }
 
     /// Says what is looked at, if it is something else than before. Gives back the number of the seat.
@@ -187,7 +205,11 @@ fn answer(
 ) {
     let id = request.id.clone();
     let sent = Request { id: format!("{}-{id}", own.as_str()), ..request };
-    let reply = ask(client, layout, sent).unwrap_or_else(|error| Reply::refused(code(&error), &error));
+    let reply = if let Command::Stop { by, reason } = sent.command {
+        stop(&StopCall::with_id(sent.id, by, reason), layout)
+    } else {
+        ask(client, layout, sent).unwrap_or_else(|error| Reply::refused(code(&error), &error))
+    };
     if let Some(places) = places {
         give_place_back(places);
     }
@@ -203,7 +225,13 @@ fn ask(client: &mut Option<Client>, layout: &Layout, request: Request) -> Result
         Some(connection) => connection,
         None => Client::connect(layout)?.ok_or_else(ended)?,
     };
+    let reads = request.command.only_reads();
     let reply = connection.ask_request(request)?;
+    let doubt = connection.doubt();
     *client = Some(connection);
-    Ok(reply)
+    // What is read is marked on the screen; what was to be done is not known to be done.
+    Ok(match doubt.filter(|_| !reads) {
+        Some(doubt) => doubt.in_place_of(&reply),
+        None => reply,
+    })
 }

@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use crate::door::{Client, DoorError, socket_path};
+use crate::door::{
+    Client, DoorError, NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, socket_path, stopped_by_mark,
+};
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_registry::{Layout, lock_owner};
 use holdpoint_text::Problem;
@@ -32,8 +34,17 @@ impl EngineElsewhere {
     /// Asks it, and tells what it answered, or that there is none. Waits for the answer.
     #[must_use]
     pub fn ask(&self, command: Command) -> Reply {
-        let client = Client::connect(&self.layout);
-        match client.and_then(|client| client.map(|mut it| it.ask(command)).transpose()) {
+        if let Command::Stop { by, reason } = command {
+            return match StopCall::new(by, reason) {
+                Ok(call) => said(stop(&call, &self.layout)),
+                Err(error) => Reply::refused(code(&error), &error),
+            };
+        }
+        let asked = |mut client: Client| {
+            let reply = client.ask(command)?;
+            Ok(client.doubt().map_or(reply.clone(), |doubt| doubt.in_place_of(&reply)))
+        };
+        match Client::connect(&self.layout).and_then(|client| client.map(asked).transpose()) {
             Ok(Some(reply)) => said(reply),
             Ok(None) => {
                 if let Ok(Some(owner)) = lock_owner(&self.layout) {
@@ -42,11 +53,32 @@ impl EngineElsewhere {
                     let hint = "ask again in a second: an engine listens there anew; if it does not, end that process with `kill`";
                     return Reply::refused(Refusal::NoAnswer, &Problem::new(text).with_hint(hint));
                 }
-                let hint = "`holdpoint stop` in a shell keeps the next one stopped";
-                let problem = Problem::new("no engine is at work on this store").with_hint(hint);
-                Reply::refused(Refusal::NotNow, &problem)
+                nobody_at_work()
             }
             Err(error) => Reply::refused(code(&error), &error),
+        }
+    }
+}
+
+fn nobody_at_work() -> Reply {
+    let hint = "`holdpoint stop` in a shell keeps the next one stopped";
+    let problem = Problem::new("no engine is at work on this store").with_hint(hint);
+    Reply::refused(Refusal::NotNow, &problem)
+}
+
+/// Stops the cell, and tells what is known of it.
+pub(super) fn stop(call: &StopCall, layout: &Layout) -> Reply {
+    match call.ask(layout) {
+        StopOutcome::Answered(reply) => reply,
+        StopOutcome::Marked(instead) => Reply::Accepted { text: stopped_by_mark(&instead), version: None },
+        StopOutcome::NoEngine => {
+            // What is refused stops no engine that comes later.
+            call.withdraw(layout);
+            nobody_at_work()
+        }
+        StopOutcome::NotConfirmed(why) => {
+            let problem = Problem::new(not_confirmed(&why)).with_hint(NOT_CONFIRMED_HINT);
+            Reply::refused(Refusal::NoAnswer, &problem)
         }
     }
 }

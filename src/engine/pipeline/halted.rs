@@ -4,6 +4,7 @@ use super::{Pipeline, Progress};
 use crate::fault::Fault;
 use crate::halt;
 use crate::world::switch::AskedStop;
+use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_protocol::command::Reply;
 
 impl Pipeline {
@@ -26,6 +27,14 @@ impl Pipeline {
             self.hold(text);
         }
         reply
+    }
+
+    /// Another program took the name of the engine's socket, and the engine took it back; so many times by now.
+    pub(crate) fn name_taken(&mut self, times: u64) {
+        let text = format!(
+            "the name of the engine's socket was taken ({times} since the start): what was answered there may have been somebody else's"
+        );
+        self.record.raise(AlarmKey::NameTaken, Priority::High, true, &text);
     }
 
     /// A stopped cell: nothing is begun, activated or worked. What runs comes to its end, and deadlines pass.

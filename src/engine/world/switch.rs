@@ -118,6 +118,12 @@ impl Switch {
         }
     }
 
+    /// Whether a stop of this id was asked for, as far back as ids are kept.
+    pub(crate) fn knows(&self, id: &str) -> bool {
+        let slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        slot.known.iter().any(|known| known == id)
+    }
+
     /// The cell is stopped from before: nothing was asked anew.
     pub(crate) fn latch(&self) {
         self.asked_at.store(self.stepped.load(Ordering::Acquire), Ordering::Release);

@@ -42,6 +42,8 @@ crate::words! {
         TelemetryMissed = "telemetry-missed",
         /// A checkpoint cannot be written, or cannot be sent to a witness.
         CheckpointFailed = "checkpoint-failed",
+        /// Another program took the name of the engine's socket, and may have answered in its place.
+        NameTaken = "name-taken",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -78,9 +80,11 @@ impl AlarmKind {
             Self::RolledBack | Self::SafeStopped | Self::NotRecovered => AlarmTopic::Rollback,
             Self::Rejected => AlarmTopic::Rejected,
             Self::Approval | Self::Unreviewed => AlarmTopic::Approval,
-            Self::KeptFalse | Self::TelemetryMissed | Self::CheckpointFailed | Self::EngineFault => {
-                AlarmTopic::Engine
-            }
+            Self::KeptFalse
+            | Self::TelemetryMissed
+            | Self::CheckpointFailed
+            | Self::NameTaken
+            | Self::EngineFault => AlarmTopic::Engine,
         }
     }
 }
@@ -123,6 +127,8 @@ pub enum AlarmKey {
     TelemetryMissed,
     /// The store's checkpoints, here and elsewhere.
     CheckpointFailed,
+    /// The name of the one engine's socket.
+    NameTaken,
     /// The one engine there is.
     EngineFault,
 }
@@ -153,6 +159,7 @@ impl AlarmKey {
             Self::KeptFalse => AlarmKind::KeptFalse,
             Self::TelemetryMissed => AlarmKind::TelemetryMissed,
             Self::CheckpointFailed => AlarmKind::CheckpointFailed,
+            Self::NameTaken => AlarmKind::NameTaken,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -177,6 +184,7 @@ impl fmt::Display for AlarmKey {
             | Self::KeptFalse
             | Self::TelemetryMissed
             | Self::CheckpointFailed
+            | Self::NameTaken
             | Self::EngineFault => {
                 write!(f, "{kind}")
             }
@@ -207,9 +215,11 @@ impl FromStr for AlarmKey {
             AlarmKind::KeptFalse if about.is_none() => Self::KeptFalse,
             AlarmKind::TelemetryMissed if about.is_none() => Self::TelemetryMissed,
             AlarmKind::CheckpointFailed if about.is_none() => Self::CheckpointFailed,
+            AlarmKind::NameTaken if about.is_none() => Self::NameTaken,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
             AlarmKind::EngineFault
+            | AlarmKind::NameTaken
             | AlarmKind::CheckpointFailed
             | AlarmKind::TelemetryMissed
             | AlarmKind::CellDegraded

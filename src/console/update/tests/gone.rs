@@ -118,7 +118,7 @@ fn a_stop_that_came_to_nothing_is_asked_for_again_once_the_engine_is_heard() {
 
 fn attached() -> TestConsole {
     let mut console = TestConsole::new(0);
-    console.tell(MsgKind::Seated(Some(811)));
+    console.tell(MsgKind::Seated(Some(811), None));
     console.tell(MsgKind::EngineStarted);
     let sitting = Sitting { who: Some("bert".to_owned()), view: "Alarms".to_owned(), ..Sitting::default() };
     let seat = |seat, sitting| SeatView { seat, process: None, sitting, not_reading: false };
@@ -170,7 +170,7 @@ fn an_engine_that_is_gone_has_no_seats_and_is_looked_for() {
         assert!(screen.contains("q quit"), "{screen}");
         console.keys("7");
         // The place is kept for when there is one.
-        console.tell(MsgKind::Seated(Some(902)));
+        console.tell(MsgKind::Seated(Some(902), None));
         console.tell(MsgKind::EngineStarted);
         console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e'))));
         let told = &console.model.told;
@@ -207,7 +207,7 @@ fn what_was_asked_of_an_engine_that_is_gone_is_not_waited_for() {
     let mut console = attached();
     let asked = id(&console.keys("X"));
     console.tell(MsgKind::EngineEnded(Err(EndFault::of("it has ended"))));
-    console.tell(MsgKind::Seated(Some(902)));
+    console.tell(MsgKind::Seated(Some(902), None));
     assert!(!console.model.asking.pending.contains_key(&asked));
     assert!(words(&console, SIZES[0]).contains("STOP NOT CONFIRMED"), "nobody knows what became of it");
     // Whoever asked for it wanted the arm to stand: the engine that is at work now is asked as well.
@@ -230,7 +230,7 @@ fn story(console: &TestConsole) -> Vec<&str> {
 fn what_happened_before_is_told_and_says_where_it_begins() {
     let mut console = TestConsole::new(0);
     console.model.told.story.clear();
-    console.tell(MsgKind::Seated(Some(811)));
+    console.tell(MsgKind::Seated(Some(811), None));
     console.tell(MsgKind::Past { events: (10..13).map(event).collect(), earlier: 7 });
     console.tell(MsgKind::Events(vec![event(13)]));
     let told = story(&console);
@@ -239,7 +239,7 @@ fn what_happened_before_is_told_and_says_where_it_begins() {
     assert!(told[1].contains("fault number 10") && told[4].contains("fault number 13"), "{told:?}");
     // The same engine tells nothing twice; another one counts from the start, and its story goes on below.
     console.tell(MsgKind::EngineEnded(Err(EndFault::of("it has ended"))));
-    console.tell(MsgKind::Seated(Some(811)));
+    console.tell(MsgKind::Seated(Some(811), None));
     console.tell(MsgKind::Past { events: (11..15).map(event).collect(), earlier: 8 });
     assert_eq!(story(&console).len(), 6, "{:?}", story(&console));
     let said = &console.model.notice.as_ref().unwrap().text;
@@ -248,7 +248,7 @@ fn what_happened_before_is_told_and_says_where_it_begins() {
         "it was this console that stood still: {said}"
     );
     console.tell(MsgKind::EngineEnded(Err(EndFault::of("it has ended"))));
-    console.tell(MsgKind::Seated(Some(902)));
+    console.tell(MsgKind::Seated(Some(902), None));
     console.tell(MsgKind::Past { events: (0..2).map(event).collect(), earlier: 0 });
     console.tell(MsgKind::Events(vec![event(2)]));
     let told = story(&console);

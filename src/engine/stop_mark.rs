@@ -1,0 +1,229 @@
+//! The mark by which a stop is asked for in the store's folder, so that it depends on nobody who answers at a socket.
+//!
+//! Whoever may write to the folder makes the file `stop.asked` with the id of the stop in it, and shares its lock. The
+//! engine's watch sees it, halts the arm, and then shares the lock as well: that is the answer, for the kernel tells
+//! whose process shares a lock, and the store's lock is held by the engine alone. Once the stop is on record, or kept
+//! beside the database, the mark is removed; as long as something lies there the cell is not let go.
+//!
+//! Whatever lies in its place is a stop: a folder, a pipe, a link, a text that cannot be read.
+
+use std::collections::VecDeque;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use holdpoint_protocol::wire::ID_BYTES_MAX;
+use holdpoint_registry::{Layout, lock_sharers};
+use holdpoint_text::file::{NO_LINK, kind_of, regular};
+use serde::{Deserialize, Serialize};
+
+use crate::caller;
+use crate::operations::REASON_BYTES_MAX;
+use crate::world::switch::{AskedStop, Switch};
+
+/// How often the folder is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// The longest mark that is read, bytes: id, name and reason, escaped.
+const MARK_BYTES_MAX: u64 = 32 << 10;
+
+/// How long a mark that is not complete may be still being written, in looks of [`WRITTEN_LOOK`].
+const WRITTEN_LOOKS: u32 = 10;
+
+/// Time between two looks at a mark that is not complete.
+const WRITTEN_LOOK: Duration = Duration::from_millis(2);
+
+/// How long the lock of a mark is shared: whoever made it looks for that at once.
+const ANSWER_KEPT: Duration = Duration::from_secs(10);
+
+/// The most marks whose lock is shared at a time.
+const ANSWERS_MAX: usize = 8;
+
+/// What a mark says. Whose process made it is not its to say.
+#[derive(Serialize, Deserialize)]
+struct MarkText {
+    id: String,
+    by: String,
+    reason: String,
+}
+
+/// A mark that this process made.
+#[derive(Debug)]
+pub struct OwnMark(File);
+
+impl OwnMark {
+    /// Asks for a stop of the cell.
+    ///
+    /// # Errors
+    /// [`ErrorKind::AlreadyExists`] if another stop is being asked for; any other if the folder takes no mark.
+    pub fn put(layout: &Layout, id: &str, by: &str, reason: &str) -> io::Result<Self> {
+        let text = MarkText { id: id.to_owned(), by: by.to_owned(), reason: reason.to_owned() };
+        let text = serde_json::to_string(&text)?;
+        let mut options = OpenOptions::new();
+        let mut file =
+            options.read(true).write(true).create_new(true).mode(0o600).open(layout.stop_asked())?;
+        // The kernel tells the engine by this whose process asks. Without it the stop is only nameless.
+        drop(file.try_lock_shared());
+        file.write_all(text.as_bytes())?;
+        Ok(Self(file))
+    }
+
+    /// The mark of another stop that lies there.
+    ///
+    /// # Errors
+    /// If nothing lies there, or no file that this process may read.
+    pub fn of_another(layout: &Layout) -> io::Result<Self> {
+        open(layout).map(Self)
+    }
+
+    /// Whether a process shares the lock of the mark, beside whoever made it.
+    #[must_use]
+    pub fn is_shared_by(&self, process: i32) -> bool {
+        let own = i32::try_from(std::process::id()).unwrap_or(0);
+        let mut sharers = lock_sharers(&self.0);
+        if let Some(at) = sharers.iter().position(|sharer| *sharer == own) {
+            sharers.remove(at);
+        }
+        sharers.contains(&process)
+    }
+}
+
+/// What lies in the place of the mark.
+#[derive(Debug)]
+pub(crate) struct FoundMark {
+    pub(crate) asked: AskedStop,
+    /// The file, if it is one.
+    file: Option<File>,
+    /// Whether it could be read.
+    clear: bool,
+}
+
+fn open(layout: &Layout) -> io::Result<File> {
+    OpenOptions::new().read(true).custom_flags(NO_LINK).open(layout.stop_asked()).and_then(regular)
+}
+
+/// Looks for a mark; `None` if nothing lies there.
+pub(crate) fn look(layout: &Layout) -> Option<FoundMark> {
+    let (id, owner, kind) = match fs::symlink_metadata(layout.stop_asked()) {
+        Ok(found) => (format!("mark-{}-{}", found.dev(), found.ino()), found.uid(), kind_of(&found)),
+        Err(error) if error.kind() == ErrorKind::NotFound => return None,
+        Err(_) => ("mark".to_owned(), rustix::process::geteuid().as_raw(), "something"),
+    };
+    let file = open(layout).ok();
+    let text = file.as_ref().and_then(read);
+    let own = i32::try_from(std::process::id()).unwrap_or(0);
+    let mut sharers = file.as_ref().map_or_else(Vec::new, lock_sharers);
+    sharers.retain(|process| *process != own);
+    let process = match sharers[..] {
+        [process] => u32::try_from(process).ok(),
+        _ => None,
+    };
+    let clear = text.is_some();
+    let MarkText { id, by, reason } = text.unwrap_or_else(|| MarkText {
+        id,
+        by: String::new(),
+        reason: format!("{kind} lies in the place of the mark of a stop"),
+    });
+    let asked = AskedStop { id, by, reason, caller: caller::named(owner, process) };
+    Some(FoundMark { asked, file, clear })
+}
+
+/// Whether something lies in the place of the mark.
+pub(crate) fn is_there(layout: &Layout) -> bool {
+    !fs::symlink_metadata(layout.stop_asked()).is_err_and(|error| error.kind() == ErrorKind::NotFound)
+}
+
+fn read(file: &File) -> Option<MarkText> {
+    let mut text = String::new();
+    file.take(MARK_BYTES_MAX).read_to_string(&mut text).ok()?;
+    let fits = |mark: &MarkText| {
+        (1..=ID_BYTES_MAX).contains(&mark.id.len())
+            && mark.by.len() <= REASON_BYTES_MAX
+            && mark.reason.len() <= REASON_BYTES_MAX
+    };
+    serde_json::from_str(&text).ok().filter(fits)
+}
+
+/// The stop of this id is on record, or kept elsewhere: its mark goes.
+pub(crate) fn settle(layout: &Layout, id: &str) {
+    if look(layout).is_some_and(|found| found.asked.id == id) {
+        let path = layout.stop_asked();
+        // What cannot be removed goes on stopping the cell.
+        drop(fs::remove_file(&path).or_else(|_| fs::remove_dir(&path)));
+    }
+}
+
+/// Watches the folder for a mark, on a thread of its own, until it is dropped.
+#[derive(Debug)]
+pub(crate) struct MarkWatch {
+    /// Its end is the thread's.
+    end: Option<SyncSender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl MarkWatch {
+    /// # Errors
+    /// If the system gives no thread.
+    pub(crate) fn start(layout: Layout, switch: Arc<Switch>) -> io::Result<Self> {
+        let (end, ended) = sync_channel(0);
+        let watch = move || watch(&layout, &switch, &ended);
+        let thread = std::thread::Builder::new().name("stop-watch".to_owned()).spawn(watch)?;
+        Ok(Self { end: Some(end), thread: Some(thread) })
+    }
+}
+
+impl Drop for MarkWatch {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        if let Some(thread) = self.thread.take() {
+            drop(thread.join());
+        }
+    }
+}
+
+fn watch(layout: &Layout, switch: &Switch, ended: &Receiver<()>) {
+    let mut answers: VecDeque<(Instant, File)> = VecDeque::new();
+    while ended.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
+        while answers.front().is_some_and(|(since, _)| since.elapsed() > ANSWER_KEPT) {
+            answers.pop_front();
+        }
+        let Some(FoundMark { asked, file, clear }) = complete(layout) else { continue };
+        let known = switch.knows(&asked.id);
+        // A stop that came over the socket as well may be on record and let go by now: it is one stop.
+        if !known || (!switch.is_halted() && !clear) {
+            switch.halt(asked);
+        }
+        let is_new = |file: &File| !answers.iter().any(|(_, kept)| is_same(kept, file));
+        let Some(file) = file.filter(is_new) else { continue };
+        // It says that the cell is stopped, and nothing else.
+        if switch.is_halted() && file.try_lock_shared().is_ok() {
+            if answers.len() >= ANSWERS_MAX {
+                answers.pop_front();
+            }
+            answers.push_back((Instant::now(), file));
+        }
+    }
+}
+
+/// As [`look`], once it is written.
+fn complete(layout: &Layout) -> Option<FoundMark> {
+    let mut found = look(layout)?;
+    for _ in 0..WRITTEN_LOOKS {
+        if found.clear || found.file.is_none() {
+            break;
+        }
+        std::thread::sleep(WRITTEN_LOOK);
+        // Whoever takes it away meanwhile has asked for a stop all the same.
+        found = look(layout).unwrap_or(found);
+    }
+    Some(found)
+}
+
+fn is_same(one: &File, other: &File) -> bool {
+    let name = |file: &File| file.metadata().ok().map(|found| (found.dev(), found.ino()));
+    name(one).is_some() && name(one) == name(other)
+}
