@@ -6,6 +6,7 @@
 //! change.
 
 pub mod agent;
+mod authorship;
 mod call;
 mod identity;
 pub mod keyfile;
@@ -18,6 +19,7 @@ mod signed;
 mod witness_act;
 mod word;
 
+pub use authorship::SignedAuthorship;
 pub use call::{CallClaim, CallError, SignedCall};
 pub use identity::{Identity, IdentityError, IdentityInfo, KeptIdentity, People, WORD_LEN_MAX};
 pub use passphrase::{PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, PassphraseError};

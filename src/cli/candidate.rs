@@ -1,4 +1,4 @@
-//! `holdpoint candidate register | show | check | diff | compat | sandbox | shadow`.
+//! `holdpoint candidate register | sign | show | check | diff | compat | sandbox | shadow`.
 //!
 //! Parses arguments and prints; [`capability`] reads folders and [`check`] judges what is in them.
 
@@ -15,6 +15,7 @@ use crate::cli::context::CliContext;
 use crate::cli::engine_verbs::EngineVerbs;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
+use holdpoint_approvals::SignedAuthorship;
 use holdpoint_engine::check::{self, Standing, StaticFindings};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -48,6 +49,8 @@ pub enum CandidateVerb {
     Show(FolderArgs),
     /// Checks a candidate's folder without registering it; says nothing about its compatibility.
     Check(CheckArgs),
+    /// Signs a candidate's folder as its author: writes author.sig beside the manifest.
+    Sign(SignArgs),
     /// Compares two candidates' manifests and parameters field by field.
     Diff(DiffArgs),
     /// Runs the compatibility checks of a registered candidate, and no other stage.
@@ -100,6 +103,26 @@ pub struct RegisterArgs {
     /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal. The variable
     /// `HOLDPOINT_PASSPHRASE_FILE` names one as well.
     #[arg(long, value_name = "FILE", requires = "identity")]
+    pub passphrase_file: Option<PathBuf>,
+}
+
+/// The arguments of `candidate sign`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+An organization signs by an identity of the role author. Any later change of
+the folder voids the signature.
+
+Example:
+  holdpoint candidate sign my-grasp --as acme")]
+pub struct SignArgs {
+    /// The folder with manifest.toml and submission.toml.
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// The identity that signs; the submission names it as the author.
+    #[arg(long = "as", value_name = "IDENTITY", value_parser = super::decide::parse_identity)]
+    pub identity: String,
+    /// Takes the passphrase of the identity's key from this file (mode 0600) and not from the terminal.
+    #[arg(long, value_name = "FILE")]
     pub passphrase_file: Option<PathBuf>,
 }
 
@@ -187,6 +210,7 @@ pub fn run(
         CandidateVerb::Compat(args) => return engine.stage(context, args, Stage::Validation, out),
         CandidateVerb::Sandbox(args) => return engine.stage(context, args, Stage::Sandbox, out),
         CandidateVerb::Shadow(args) => return engine.stage(context, args, Stage::Shadow, out),
+        CandidateVerb::Sign(args) => sign(context, args, out)?,
         CandidateVerb::Show(args) => show(&read(&args.folder)?.0, out)?,
         CandidateVerb::Check(args) => {
             let (parsed, _) = read(&args.folder)?;
@@ -273,6 +297,32 @@ fn standing(data: &Path) -> Result<Standing, CliError> {
         Ok(standing) if standing.is_empty() => Standing::commissioned().map_err(CliError::internal),
         other => other,
     }
+}
+
+/// Signs a folder as its author.
+fn sign(context: &CliContext, args: &SignArgs, out: &mut Output<'_>) -> Result<(), CliError> {
+    let (parsed, _) = read(&args.folder)?;
+    let name = capability::shown(&args.folder);
+    let candidate = Capability::of(&name, parsed).map_err(CliError::usage)?;
+    let author = &candidate.submission.author;
+    if *author != args.identity {
+        let text = format!("submission.toml names the author {author:?}, and {:?} is to sign", args.identity);
+        return Err(CliError::usage(text)
+            .with_hint("the author signs: `--as` with that name, or another author in the file"));
+    }
+    let who = super::passphrase::unlock(
+        super::passphrase::kept(context, &args.identity)?,
+        args.passphrase_file.as_deref(),
+    )?;
+    let signed = SignedAuthorship::by(&who, &candidate.digest(), &candidate.package.submission)
+        .map_err(CliError::usage)?;
+    let text = serde_json::to_string_pretty(&signed).map_err(CliError::internal)?;
+    let file = args.folder.join(capability::AUTHOR_SIGNATURE_FILE);
+    std::fs::write(&file, text + "\n")
+        .map_err(|error| CliError::usage(format!("cannot write {}: {error}", capability::shown(&file))))?;
+    out.answer(&signed, |out| {
+        out.line(&format!("{} is signed by {author}: {}", candidate.id(), capability::AUTHOR_SIGNATURE_FILE))
+    })
 }
 
 /// Well formed, and what the static checks say under each profile. The rest is measured, not read.

@@ -66,6 +66,7 @@ pub fn baselines() -> Result<Vec<Capability>, PackageError> {
                 submission: submission.to_owned(),
                 params: params.to_owned(),
                 component: None,
+                author_signature: None,
             };
             Capability::load(name, package)
         })
@@ -93,6 +94,7 @@ pub fn package(name: &str) -> Option<Package> {
         submission: (*submission).to_owned(),
         params: (*params).to_owned(),
         component: None,
+        author_signature: None,
     })
 }
 

@@ -51,7 +51,10 @@ pub(crate) fn register(
     let id = candidate.id();
     let persons = record.ledger().store().persons()?;
     let requester = origin::requester(signer, record.clock().is_scripted(), named, &persons);
-    let origin = origin::of(requester, &candidate);
+    let origin = match origin::of(requester, &candidate, &persons) {
+        Ok(origin) => origin,
+        Err(error) => return Ok(Reply::refused(Refusal::BadInput, &error)),
+    };
     let event = registered_event(&candidate, &origin.requester);
     say_refused_form(record, &candidate);
     let note = Note::because(format!("submitted by {}", origin.requester.name()));

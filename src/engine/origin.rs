@@ -2,12 +2,16 @@
 //!
 //! Reads ledger and enrolled people; the classes are the rules' ([`holdpoint_governance::risk`]).
 
-use holdpoint_approvals::Persons;
+use std::borrow::Cow;
+
+use holdpoint_approvals::{Persons, SignedAuthorship};
 use holdpoint_governance::approval::{Author, Authorship, Requester};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::risk::{RiskClass, RiskInput, classify};
 use holdpoint_governance::submission::Risk;
-use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::capability::{AUTHOR_SIGNATURE_FILE, Capability};
+use holdpoint_text::Hint;
 
 use crate::dossier::Dossier;
 use crate::ledger::{Ledger, Member, Origin};
@@ -51,15 +55,75 @@ pub(crate) fn assessed_risk(dossier: &Dossier) -> Risk {
     dossier.risk.as_ref().map_or(Risk::High, |risk| risk.class)
 }
 
-/// Where a version comes from that this requester registers. Who registers a version of their own signed it by that.
-pub(crate) fn of(requester: Requester, candidate: &Capability) -> Origin {
-    let author_key = match &requester {
-        Requester::Person { name, key } if *name == candidate.submission.author && !key.is_empty() => {
-            Some(key.clone())
-        }
+/// An author's signature under a version that does not hold.
+#[derive(Debug, thiserror::Error)]
+#[error("{AUTHOR_SIGNATURE_FILE} beside {version}: {problem}")]
+pub(crate) struct AuthorSignatureError {
+    version: CapabilityId,
+    problem: String,
+    hint: String,
+}
+
+impl Hint for AuthorSignatureError {
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        Some(self.hint.clone().into())
+    }
+}
+
+/// Where a version comes from that this requester registers. The author signed it, or registers it: either is a signature
+/// by the author's key.
+///
+/// # Errors
+/// If there is a signature of the author that does not hold, or whose key is not enrolled.
+pub(crate) fn of(
+    requester: Requester,
+    candidate: &Capability,
+    persons: &Persons,
+) -> Result<Origin, AuthorSignatureError> {
+    let author = &candidate.submission.author;
+    let by_signature = match &candidate.package.author_signature {
+        Some(text) => Some(signed_by_author(candidate, text, persons)?),
+        None => None,
+    };
+    let by_registration = match &requester {
+        Requester::Person { name, key } if name == author && !key.is_empty() => Some(key.clone()),
         Requester::Person { .. } | Requester::Script | Requester::Program | Requester::Unknown => None,
     };
-    Origin { requester, author_key }
+    Ok(Origin { requester, author_key: by_signature.or(by_registration) })
+}
+
+/// The author's key, if it signed the version and is enrolled.
+fn signed_by_author(
+    candidate: &Capability,
+    text: &str,
+    persons: &Persons,
+) -> Result<String, AuthorSignatureError> {
+    let author = &candidate.submission.author;
+    let wrong =
+        |problem: String, hint: String| Err(AuthorSignatureError { version: candidate.id(), problem, hint });
+    let again = || format!("`holdpoint candidate sign DIR --as {author}` signs the folder as it is now");
+    let signed = match serde_json::from_str::<SignedAuthorship>(text) {
+        Ok(signed) => signed,
+        Err(error) => return wrong(format!("it is no author's signature: {error}"), again()),
+    };
+    if signed.author != *author {
+        let problem =
+            format!("it is by {:?}, and submission.toml names the author {author:?}", signed.author);
+        return wrong(problem, again());
+    }
+    if !signed.holds(&candidate.digest(), &candidate.package.submission) {
+        return wrong(format!("the signature of {author:?} is not over these files"), again());
+    }
+    let enrolled =
+        persons.enrolled().any(|person| person.name == *author && person.key_hex() == signed.public_key);
+    if !enrolled {
+        let problem = format!("the key of {author:?} that signed is not enrolled in this store");
+        let hint = format!(
+            "an administrator enrols it (`holdpoint identity enrol {author} …`), or {AUTHOR_SIGNATURE_FILE} is removed"
+        );
+        return wrong(problem, hint);
+    }
+    Ok(signed.public_key)
 }
 
 /// Who asks for a registration: the person who signed it; in a script the person whom the step names.

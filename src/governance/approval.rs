@@ -41,6 +41,8 @@ crate::words! {
         Safety = "safety",
         /// Answers for who may decide: enrols people's keys and revokes them, and approves no version.
         Admin = "admin",
+        /// Signs versions as their author: a person, or an organization by its key. Approves no version.
+        Author = "author",
     }
 }
 
@@ -52,7 +54,7 @@ impl Role {
             (Self::Operator, Risk::Low)
             | (Self::Engineer | Self::Safety, Risk::Low | Risk::Medium | Risk::High) => true,
             (Self::Operator, Risk::Medium | Risk::High)
-            | (Self::Admin, Risk::Low | Risk::Medium | Risk::High) => false,
+            | (Self::Admin | Self::Author, Risk::Low | Risk::Medium | Risk::High) => false,
         }
     }
 
@@ -61,7 +63,7 @@ impl Role {
     pub const fn lets_go_on(self) -> bool {
         match self {
             Self::Operator | Self::Engineer | Self::Safety => true,
-            Self::Admin => false,
+            Self::Admin | Self::Author => false,
         }
     }
 }

@@ -23,7 +23,13 @@ pub struct Package {
     /// The component the manifest names; absent for a controller that is compiled in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub component: Option<ComponentBytes>,
+    /// Text of `author.sig`: the author's signature over the version; absent where the author did not sign it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub author_signature: Option<String>,
 }
+
+/// The largest text of an author's signature, bytes.
+pub const AUTHOR_SIGNATURE_BYTES_MAX: usize = 4 * 1024;
 
 /// The largest submission text, bytes; checked before it is parsed.
 pub const SUBMISSION_BYTES_MAX: usize = 16 * 1024;

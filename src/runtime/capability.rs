@@ -22,10 +22,15 @@ use holdpoint_component::{Component, ComponentError, ComponentLimits};
 use holdpoint_governance::component::{COMPONENT_BYTES_MAX, ComponentBytes, ComponentTooLarge};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::manifest::{Bundle, MANIFEST_BYTES_MAX, Manifest};
-use holdpoint_governance::submission::{Package, SUBMISSION_BYTES_MAX, Submission};
+use holdpoint_governance::submission::{
+    AUTHOR_SIGNATURE_BYTES_MAX, Package, SUBMISSION_BYTES_MAX, Submission,
+};
 use holdpoint_governance::text_error::{TextError, check_size};
 use holdpoint_text::file::{AT_ONCE, regular};
 use holdpoint_text::{Hint, Untrusted};
+
+/// The file of a version's folder with its author's signature.
+pub const AUTHOR_SIGNATURE_FILE: &str = "author.sig";
 
 /// Why a version could not be taken in.
 #[derive(Debug, thiserror::Error)]
@@ -145,8 +150,13 @@ impl Parsed {
         let files = Files::open(name, folder)?;
         let text = files.text("manifest.toml", MANIFEST_BYTES_MAX)?;
         let manifest = Manifest::parse(&named(name, "manifest.toml"), &text)?;
-        let mut package =
-            Package { manifest: text, submission: String::new(), params: String::new(), component: None };
+        let mut package = Package {
+            manifest: text,
+            submission: String::new(),
+            params: String::new(),
+            component: None,
+            author_signature: None,
+        };
         package.submission = files.text("submission.toml", SUBMISSION_BYTES_MAX)?;
         let submission = Submission::parse(&named(name, "submission.toml"), &package.submission)?;
         if let Bundle::Wasm(file) = &manifest.deployment.bundle {
@@ -155,6 +165,7 @@ impl Parsed {
         if let Some(file) = &manifest.deployment.params {
             package.params = files.text(file.as_str(), PARAMS_BYTES_MAX)?;
         }
+        package.author_signature = files.text_if_there(AUTHOR_SIGNATURE_FILE, AUTHOR_SIGNATURE_BYTES_MAX)?;
         Ok(Self { manifest, submission, package })
     }
 
@@ -243,6 +254,14 @@ impl<'a> Files<'a> {
         let text = String::from_utf8(bytes).map_err(|_| PackageError::NotText { file: file.clone() })?;
         check_size(&file, &text, bytes_max)?;
         Ok(text)
+    }
+
+    /// As [`Files::text`]; `None` where there is no such file.
+    fn text_if_there(&self, path: &str, bytes_max: usize) -> Result<Option<String>, PackageError> {
+        match self.text(path, bytes_max) {
+            Err(PackageError::Read { source, .. }) if source.kind() == io::ErrorKind::NotFound => Ok(None),
+            read => read.map(Some),
+        }
     }
 
     fn component(&self, path: &str) -> Result<ComponentBytes, PackageError> {

@@ -26,7 +26,7 @@ mod paths;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint::approvals::{Approval, Nonce, SignedApproval};
+use holdpoint::approvals::{Approval, Nonce, ShownQuestion, SignedApproval};
 use holdpoint::error::CliError;
 use holdpoint::governance::approval::{Answer as Decided, Role};
 use holdpoint::governance::ids::Digest;
@@ -36,6 +36,7 @@ use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::submission::{Package, Submission};
 use holdpoint::headless::script::Script;
 use holdpoint::protocol::command::{Command, Operation, Request};
+use holdpoint::protocol::snapshot::Purpose;
 use holdpoint::protocol::wire::{self, ANSWER_BYTES_MAX, Answer, Call};
 use holdpoint::runtime::skill::native::Controller;
 use holdpoint::sim::robot::RobotModel;
@@ -211,6 +212,7 @@ fn call() {
         submission: read("submission.toml"),
         params: read("params.toml"),
         component: None,
+        author_signature: None,
     };
     let commands = [
         Command::Register { package, name: "grasp-improved".into(), by: None },

@@ -266,6 +266,7 @@ mod tests {
                 | AlarmKind::CellDegraded
                 | AlarmKind::KeptFalse
                 | AlarmKind::CheckpointFailed
+                | AlarmKind::NameTaken
                 | AlarmKind::TelemetryMissed => "",
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated

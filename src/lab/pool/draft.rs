@@ -137,6 +137,7 @@ impl Draft {
             submission: submission.to_string(),
             params: self.params.to_string(),
             component: self.component.clone(),
+            author_signature: None,
         }
     }
 }

@@ -69,6 +69,7 @@ impl<'a> PackageDraft<'a> {
             submission: self.submission(summary),
             params: self.space.text(values),
             component: None,
+            author_signature: None,
         };
         Ok(Capability::load(&format!("{}-refined", self.baseline.id().family), package)?)
     }
@@ -226,8 +227,13 @@ mod tests {
     fn a_folder_that_is_there_stays() {
         let out = tempfile::tempdir().unwrap();
         let text = |name: &str| name.to_owned();
-        let package =
-            Package { manifest: text("m"), submission: text("s"), params: text("p"), component: None };
+        let package = Package {
+            manifest: text("m"),
+            submission: text("s"),
+            params: text("p"),
+            component: None,
+            author_signature: None,
+        };
         let folder = out.path().join("grasp-refined");
         write(&package, out.path(), &folder).unwrap();
         assert_eq!(fs::read_to_string(folder.join("params.toml")).unwrap(), "p");
