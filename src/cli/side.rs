@@ -129,6 +129,7 @@ impl Side {
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
             Reply::Accepted { .. }
             | Reply::Question { .. }
+            | Reply::Stopped { .. }
             | Reply::Detail { .. }
             | Reply::Film { .. }
             | Reply::Registry { .. }
@@ -155,6 +156,7 @@ impl Side {
             }
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
             Reply::Accepted { .. }
+            | Reply::Stopped { .. }
             | Reply::Snapshot { .. }
             | Reply::Detail { .. }
             | Reply::Film { .. }
@@ -218,7 +220,7 @@ fn is_enrolled(context: &CliContext, who: &Identity) -> Result<bool, CliError> {
 /// Prints a reply to something that was to be done.
 pub(super) fn told(reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
     match reply {
-        Reply::Accepted { text, version: _ } => {
+        Reply::Accepted { text, version: _ } | Reply::Stopped { text, kept: _ } => {
             out.answer(reply, |out| out.line(text))?;
             Ok(Exit::Confirmed)
         }

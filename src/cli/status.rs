@@ -325,6 +325,7 @@ impl Source<'_> {
             }
             Ok(
                 Reply::Accepted { .. }
+                | Reply::Stopped { .. }
                 | Reply::Refused { .. }
                 | Reply::Question { .. }
                 | Reply::Detail { .. }

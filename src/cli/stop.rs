@@ -12,7 +12,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::door::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};
-use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::command::{Command, Reply, StopKept};
 use holdpoint_registry::Layout;
 use holdpoint_text::Untrusted;
 
@@ -114,7 +114,7 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
     match outcome {
         StopOutcome::Answered(reply) => told(&reply, out),
         StopOutcome::Marked(instead) => {
-            told(&Reply::Accepted { text: stopped_by_mark(&instead), version: None }, out)
+            told(&Reply::Stopped { text: stopped_by_mark(&instead), kept: StopKept::InMark }, out)
         }
         StopOutcome::NoEngine => Err(CliError::internal("no engine, and none could be opened")),
         StopOutcome::NotConfirmed(why) => {

@@ -117,6 +117,8 @@ const fn is_of_store(kind: RecordKind) -> bool {
             | RecordKind::TelemetryPruned
             | RecordKind::TelemetryMissed
             | RecordKind::KeptVoided
+            | RecordKind::EngineBegan
+            | RecordKind::EngineEnded
             | RecordKind::Recording
             | RecordKind::RecordingRemoved
             | RecordKind::ProfileAllowed
@@ -312,6 +314,13 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
         }
         RecordKind::CellStopped => format!("{} stopped the cell{}", somebody(), told.with(": ", "reason")),
         RecordKind::CellReleased => format!("{} let it work again{}", somebody(), told.with(": ", "reason")),
+        RecordKind::EngineBegan => {
+            format!("an engine began to work the cell{}", told.with(" under ", "profile"))
+        }
+        RecordKind::EngineEnded => match told.find_that("orderly", |_| true)?.as_bool() {
+            Some(true) => "the engine ended in good order".to_owned(),
+            Some(false) | None => "the engine had ended suddenly, as the next one found".to_owned(),
+        },
         RecordKind::GoalSet => {
             format!("{} set the goal {}{}", somebody(), told.text("goal")?, told.with(": ", "reason"))
         }

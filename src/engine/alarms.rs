@@ -134,7 +134,8 @@ impl Record {
             | AlarmKey::Shifted(_)
             | AlarmKey::KeptFalse
             | AlarmKey::NameTaken
-            | AlarmKey::TelemetryMissed => true,
+            | AlarmKey::TelemetryMissed
+            | AlarmKey::CameUpStopped => true,
             AlarmKey::Escalated(version) => {
                 monitors.of(version).is_none_or(|watched| watched.monitor.escalation().is_none())
             }

@@ -16,7 +16,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::{FamilyView, LiveView, ReadingView, Snapshot, StoppedView};
-use holdpoint_registry::{Layout, Store, StoreError, UnreadStore, VersionFilter, Views};
+use holdpoint_registry::{Layout, StopMarks, Store, StoreError, UnreadStore, VersionFilter, Views};
 
 use holdpoint_text::Hint as _;
 
@@ -50,6 +50,7 @@ pub struct Anteroom<'a> {
     config: Config<'a>,
     rules: StartRules,
     controls: Controls,
+    marks: StopMarks,
     door: Door,
     shown: Snapshot,
     read: Arc<AtomicU64>,
@@ -69,6 +70,7 @@ impl<'a> Anteroom<'a> {
         let shown = shown(&config, &rules, &taken)?;
         let controls = Controls::default();
         let switch = Arc::clone(&controls.switch);
+        let marks = taken.layout().stop_marks();
         let door = Door::open(taken.layout(), Arc::clone(&controls.cancel), switch, signals)?;
         let read = Arc::new(AtomicU64::new(0));
         let (tell, reading) = sync_channel(1);
@@ -85,7 +87,7 @@ impl<'a> Anteroom<'a> {
             .name("record-reader".to_owned())
             .spawn(work)
             .map_err(StartError::Thread)?;
-        Ok(Self { config, rules, controls, door, shown, read, reading, store: None, ended: false })
+        Ok(Self { config, rules, controls, marks, door, shown, read, reading, store: None, ended: false })
     }
 
     /// Stops the cell, from any thread.
@@ -131,10 +133,10 @@ impl<'a> Anteroom<'a> {
         if self.store.is_some() {
             return true;
         }
-        let (shown, controls) = (now(&self.shown, &self.read), &self.controls);
+        let (shown, controls, marks) = (now(&self.shown, &self.read), &self.controls, &self.marks);
         let mut ended = self.ended;
         self.door.poll_early(|request, caller, waited| {
-            answer(request, caller, waited, (&shown, controls), &mut ended)
+            answer(request, caller, waited, (&shown, controls, marks), &mut ended)
         });
         self.ended = ended || self.door.endings_asked() > 0;
         self.ended
@@ -143,7 +145,8 @@ impl<'a> Anteroom<'a> {
     /// Answers a request of the program that holds it, which has waited for so long; `None` if it waits on.
     pub fn answer(&mut self, request: &Request, waited: Duration) -> Option<Reply> {
         let shown = now(&self.shown, &self.read);
-        answer(request, &crate::caller::own(), waited, (&shown, &self.controls), &mut self.ended)
+        let with = (&shown, &self.controls, &self.marks);
+        answer(request, &crate::caller::own(), waited, with, &mut self.ended)
     }
 
     /// How things stand by the rows; whoever stopped the cell meanwhile included.
@@ -213,7 +216,7 @@ fn answer(
     request: &Request,
     caller: &Caller,
     waited: Duration,
-    (shown, controls): (&Snapshot, &Controls),
+    (shown, controls, marks): (&Snapshot, &Controls, &StopMarks),
     ended: &mut bool,
 ) -> Option<Reply> {
     let reading = shown.reading.map_or_else(String::new, |reading| reading.to_string());
@@ -222,11 +225,12 @@ fn answer(
     match &request.command {
         Command::Stop { by, reason } => {
             let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
-            controls.switch.halt(AskedStop { id, by, reason, caller: caller.clone() });
-            let text = format!(
-                "the cell is stopped, and stays so when the engine is up; that is put on record as soon as the record has been read ({reading})"
+            let asked = AskedStop { id, by, reason, caller: caller.clone() };
+            controls.switch.halt(asked.clone());
+            let next = format!(
+                "it stays so when the engine is up, and goes on record as soon as the record has been read ({reading})"
             );
-            Some(Reply::Accepted { text, version: None })
+            Some(halt::stopped_meanwhile(&asked, marks, &next))
         }
         Command::Shutdown => {
             *ended = true;

@@ -1,7 +1,8 @@
 //! The engine's door for other processes: a unix socket in the store's folder, JSON lines both ways.
 //!
 //! The engine is synchronous and belongs to one thread; the socket is served by another. Requests reach the
-//! engine through a bounded queue and are carried out between two slices ([`Door::poll`]); what it tells goes to
+//! engine through two bounded queues and are carried out between two slices ([`Door::poll`]), what takes authority away
+//! before anything else; what it tells goes to
 //! every subscriber through a bounded ring ([`Door::publish`]), of which a slow one loses the oldest and is told
 //! how many. Who may connect is the process's own user, and members of a group at a second socket ([`Door::serve_seats`]).
 //!
@@ -12,6 +13,7 @@ mod attended;
 mod classes;
 mod client;
 mod origin;
+mod room;
 mod seats;
 mod server;
 mod socket;
@@ -50,6 +52,9 @@ use holdpoint_text::Hint;
 
 /// The most requests that wait for the engine; more than are answered at a time, so that only stops can fill it.
 pub const REQUESTS_MAX: usize = 64;
+
+/// For how long requests are carried out in one turn that do not take authority away.
+const OTHERS_MAX: Duration = Duration::from_millis(20);
 
 /// The most events kept for a subscriber that reads slowly.
 pub const EVENTS_KEPT: usize = 1024;
@@ -168,6 +173,8 @@ struct EarlyRequest {
 /// The engine's side of the door. Closes it when dropped.
 pub struct Door {
     incoming: Receiver<Incoming>,
+    /// What takes authority away: taken before anything else.
+    braking: Receiver<Incoming>,
     waiting: Option<Incoming>,
     later: Vec<(String, oneshot::Sender<Reply>)>,
     /// What waits for the engine to come up.
@@ -214,6 +221,7 @@ impl Door {
         let marks = MarkWatch::start(layout.clone(), Arc::clone(&switch))
             .map_err(DoorError::io("watch", layout.folder()))?;
         let (sender, incoming) = sync_channel(REQUESTS_MAX);
+        let (brakes, braking) = sync_channel(REQUESTS_MAX);
         let (events, _) = broadcast::channel(EVENTS_KEPT);
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
@@ -223,6 +231,7 @@ impl Door {
         let names_taken = Arc::<AtomicU64>::default();
         let serve = server::DoorServer {
             requests: sender,
+            braking: brakes,
             events: events.clone(),
             endings: Arc::clone(&endings),
             cancel,
@@ -235,11 +244,13 @@ impl Door {
             scenes: Arc::clone(&scenes),
             names_taken: Arc::clone(&names_taken),
             accounts: Accounts::Owner { uid: rustix::process::geteuid().as_raw() },
+            marks: layout.stop_marks(),
         };
         let server = serve.clone();
         let thread = serve.start(listener, signals).map_err(DoorError::io("serve", &socket))?;
         Ok(Self {
             incoming,
+            braking,
             waiting: None,
             later: Vec::new(),
             early: Vec::new(),
@@ -296,7 +307,7 @@ impl Door {
         &mut self,
         mut answer: impl FnMut(&Request, &Caller, Duration) -> Option<Reply>,
     ) {
-        while let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) {
+        while let Some(next) = self.next_brake().or_else(|| self.next_other()) {
             if let Incoming::Request(request, caller, answer) = next {
                 note_ending(&self.seats, &request, &caller);
                 self.early.push(EarlyRequest { request, caller, answer, since: Instant::now() });
@@ -319,22 +330,38 @@ impl Door {
     pub fn poll(&mut self, engine: &mut Engine) -> usize {
         let mut done = 0;
         self.answer_later(engine);
-        for EarlyRequest { request, caller, answer, .. } in std::mem::take(&mut self.early) {
+        let mut early = std::mem::take(&mut self.early);
+        early.sort_by_key(|early| !early.request.command.takes_authority_away());
+        for EarlyRequest { request, caller, answer, .. } in early {
             self.hand_over(engine, *request, caller, answer);
             done += 1;
         }
         // A bound, so that a busy client cannot keep the engine from its work.
+        let until = Instant::now() + OTHERS_MAX;
         while done < REQUESTS_MAX {
-            let Some(next) = self.waiting.take().or_else(|| self.incoming.try_recv().ok()) else { break };
-            match next {
-                Incoming::Request(request, caller, answer) => {
-                    self.hand_over(engine, *request, caller, answer);
-                    done += 1;
-                }
-                Incoming::Wake => {}
+            let next = match self.next_brake() {
+                Some(brake) => brake,
+                // Whatever only reads waits until the arm stands, and what it stands for is done.
+                None if engine.is_braking() || Instant::now() >= until => break,
+                None => match self.next_other() {
+                    Some(other) => other,
+                    None => break,
+                },
+            };
+            if let Incoming::Request(request, caller, answer) = next {
+                self.hand_over(engine, *request, caller, answer);
+                done += 1;
             }
         }
         done
+    }
+
+    fn next_brake(&self) -> Option<Incoming> {
+        self.braking.try_recv().ok()
+    }
+
+    fn next_other(&mut self) -> Option<Incoming> {
+        self.waiting.take().or_else(|| self.incoming.try_recv().ok())
     }
 
     fn hand_over(
@@ -441,7 +468,7 @@ impl Drop for Door {
         // Requests that wait are answered by their connections: the engine ends.
         self.waiting = None;
         self.early.clear();
-        while self.incoming.try_recv().is_ok() {}
+        while self.incoming.try_recv().is_ok() || self.braking.try_recv().is_ok() {}
         if let Some(thread) = self.thread.take() {
             drop(thread.join());
         }

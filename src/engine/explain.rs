@@ -102,6 +102,8 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::ShiftNote
             | RecordKind::CellStopped
             | RecordKind::CellReleased
+            | RecordKind::EngineBegan
+            | RecordKind::EngineEnded
             | RecordKind::Commissioned
             | RecordKind::SensesCommissioned
             | RecordKind::Recording

@@ -67,7 +67,7 @@ use crate::ledger::{Ledger, LedgerError};
 use crate::people::signed_calls::Signer;
 use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
-use crate::reading::Readings;
+use crate::reading::{Asked, Readings};
 use crate::trial::cache::EpisodeCache;
 use crate::world::switch::{AskedStop, Controls, Switch};
 use holdpoint_governance::ids::Digest;
@@ -336,7 +336,7 @@ impl Engine {
     /// Carries out one request. The same id again gets the same answer and does nothing. Where the live world works
     /// on a thread of its own, a request that has to wait for the end of a sequence is waited for.
     pub fn submit(&mut self, request: Request) -> Reply {
-        if let Command::Health { asked } = &request.command {
+        if let Some(asked) = Asked::of(&request.command) {
             return reading::read(self.layout(), asked, self.present());
         }
         let id = request.id.clone();
@@ -357,9 +357,22 @@ impl Engine {
 
     /// As [`Engine::offer`], for somebody else's process.
     pub(crate) fn offer_for(&mut self, request: Request, caller: Caller) -> Option<Reply> {
-        if let Command::Health { asked } = &request.command {
+        let id = request.id.clone();
+        let reply = self.take(request, caller);
+        // The arm was stopped for it by now, or works on.
+        self.pipeline.switch().taken(&id);
+        reply
+    }
+
+    /// Whether a request waits until the arm stands.
+    pub(crate) fn is_braking(&self) -> bool {
+        !self.waiting.is_empty() && self.pipeline.is_stopping()
+    }
+
+    fn take(&mut self, request: Request, caller: Caller) -> Option<Reply> {
+        if let Some(asked) = Asked::of(&request.command) {
             let (layout, present) = (self.layout().clone(), self.present());
-            return self.readings.begin(&request.id, *asked, (&layout, present));
+            return self.readings.begin(&request.id, asked, (&layout, present));
         }
         if matches!(request.command, Command::Stop { .. }) {
             // A stop is carried out whatever its id was used for, or waits under.

@@ -166,7 +166,7 @@ impl Pipeline {
         };
         pipeline.record.recall_alarms()?;
         pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
-        halt::stay(&pipeline.record, &mut pipeline.world)?;
+        halt::come_up(&mut pipeline.record, &mut pipeline.world)?;
         if let Some(goal) = goal::recall(&pipeline.record.ledger().store().views()?)? {
             pipeline.world.cell.set_goal(goal);
         }
@@ -226,6 +226,12 @@ impl Pipeline {
     /// One slice of work.
     pub fn advance(&mut self) -> Progress {
         self.take_in_halt();
+        let profile = self.context.profile.name;
+        if self.record.holding().is_none()
+            && let Err(error) = halt::begin_work(&mut self.record, &mut self.world, profile)
+        {
+            self.hold(&Fault::from(error).held());
+        }
         if self.record.holding().is_some() {
             self.look_at_alarms();
             self.collect_sequence(false);
@@ -563,6 +569,8 @@ impl Pipeline {
         {
             self.hold(&fault.held());
         }
+        // What cannot be written leaves a beginning without an end, which stops the next engine.
+        drop(halt::end_work(&mut self.record, &mut self.world));
     }
 }
 

@@ -5,11 +5,12 @@ use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_protocol::health::HealthAsked;
 use holdpoint_registry::Layout;
 
 use crate::health_series::{HealthError, HealthReader, Present};
+use crate::view::lookup;
 
 /// The most questions that are read at a time.
 const READING_MAX: usize = 2;
@@ -17,10 +18,28 @@ const READING_MAX: usize = 2;
 /// Questions whose answers are kept for whoever asked; the oldest one that is answered goes first.
 const KEPT_MAX: usize = 16;
 
+/// A question that takes long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Asked {
+    Health(HealthAsked),
+    VerifyAudit,
+}
+
+impl Asked {
+    /// What a command asks, if it is read beside the engine.
+    pub(crate) const fn of(command: &Command) -> Option<Self> {
+        match command {
+            Command::Health { asked } => Some(Self::Health(*asked)),
+            Command::VerifyAudit => Some(Self::VerifyAudit),
+            _ => None,
+        }
+    }
+}
+
 /// One question, and its answer once there is one.
 struct Reading {
     id: String,
-    asked: HealthAsked,
+    asked: Asked,
     answer: Arc<Mutex<Option<Reply>>>,
 }
 
@@ -39,7 +58,16 @@ impl Reading {
 pub(crate) struct Readings(VecDeque<Reading>);
 
 /// The answer to a question, read here and now.
-pub(crate) fn read(layout: &Layout, asked: &HealthAsked, present: Present) -> Reply {
+pub(crate) fn read(layout: &Layout, asked: Asked, present: Present) -> Reply {
+    match asked {
+        Asked::Health(asked) => health(layout, &asked, present),
+        Asked::VerifyAudit => {
+            lookup::verify_audit(layout).unwrap_or_else(|error| Reply::refused(Refusal::Store, &error))
+        }
+    }
+}
+
+fn health(layout: &Layout, asked: &HealthAsked, present: Present) -> Reply {
     let read = HealthReader::open(layout).map_err(HealthError::from);
     match read.and_then(|reader| reader.read(asked, Some(present))) {
         Ok(series) => Reply::Health { series: Box::new(series) },
@@ -53,7 +81,7 @@ impl Readings {
     pub(crate) fn begin(
         &mut self,
         id: &str,
-        asked: HealthAsked,
+        asked: Asked,
         (layout, present): (&Layout, Present),
     ) -> Option<Reply> {
         if let Some(known) = self.0.iter().find(|reading| reading.id == id && reading.asked == asked) {
@@ -73,7 +101,7 @@ impl Readings {
         let answer = Arc::new(Mutex::new(None));
         let (slot, layout) = (Arc::clone(&answer), layout.clone());
         let work = move || {
-            let reply = catch_unwind(AssertUnwindSafe(|| read(&layout, &asked, present)));
+            let reply = catch_unwind(AssertUnwindSafe(|| read(&layout, asked, present)));
             // Whoever asked must not be left without a word.
             let reply = reply.unwrap_or_else(|_| Reply::Refused {
                 code: Refusal::Store,

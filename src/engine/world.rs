@@ -49,6 +49,8 @@ pub struct LiveWorld {
     /// Who stopped the cell, while it is stopped.
     pub(crate) halted: Option<StoppedView>,
     pub(crate) unwritten: UnwrittenStops,
+    /// It is on record that this engine works the cell.
+    pub(crate) at_work: bool,
     recent: VecDeque<bool>,
     last_tasks: Vec<TaskSummary>,
 }
@@ -68,6 +70,7 @@ impl LiveWorld {
             stopped: None,
             halted: None,
             unwritten: UnwrittenStops::default(),
+            at_work: false,
             recent: VecDeque::new(),
             last_tasks: Vec::new(),
         })

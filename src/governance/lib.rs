@@ -206,6 +206,7 @@ pub mod alarms;
 mod alignment;
 pub mod approval;
 pub mod behavior;
+pub mod comes_up;
 pub mod component;
 pub mod composition;
 pub mod condition;

@@ -100,6 +100,10 @@ crate::words! {
         CellStopped = "cell-stopped",
         /// A person let the stopped cell work again.
         CellReleased = "cell-released",
+        /// An engine under `real` or `human` begins to work the cell.
+        EngineBegan = "engine-began",
+        /// The engine that began to work the cell ended: in good order, or, as the next one found, suddenly.
+        EngineEnded = "engine-ended",
         /// What is normal for a family was counted, once.
         Commissioned = "commissioned",
         /// What is normal for the cell's senses was measured, once.

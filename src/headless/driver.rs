@@ -19,7 +19,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::submission::Package;
 use holdpoint_lab::approver;
-use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request};
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopKept};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_protocol::standing::{Decider, Stands};
@@ -464,6 +464,7 @@ fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
     match reply {
         Reply::Accepted { .. }
         | Reply::Question { .. }
+        | Reply::Stopped { kept: StopKept::OnRecord, .. }
         | Reply::Snapshot { .. }
         | Reply::Detail { .. }
         | Reply::Film { .. }
@@ -472,5 +473,6 @@ fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
         | Reply::Health { .. }
         | Reply::Verified { .. } => Ok(StepEnd::Done),
         Reply::Refused { text, hint, .. } => Err(CliError::usage(Problem::from((text, hint)))),
+        Reply::Stopped { text, kept: StopKept::InMark | StopKept::InMemory } => Err(CliError::usage(text)),
     }
 }

@@ -171,6 +171,7 @@ impl PlainStream<'_> {
             }
             Reply::Refused { text, hint, .. } => return Err(CliError::usage(Problem::from((text, hint)))),
             Reply::Accepted { .. }
+            | Reply::Stopped { .. }
             | Reply::Snapshot { .. }
             | Reply::Question { .. }
             | Reply::Detail { .. }

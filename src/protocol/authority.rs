@@ -1,7 +1,7 @@
 //! What each command does to authority over the arm: who may ask for it follows from that.
 
 use super::command::Command;
-use holdpoint_governance::ids::Digest;
+use holdpoint_governance::ids::{CapabilityId, Digest};
 
 /// What a command does to authority.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,6 +65,25 @@ impl Command {
     #[must_use]
     pub const fn takes_authority_away(&self) -> bool {
         matches!(self.authority(), Authority::TakesAway)
+    }
+
+    /// The version whose authority over the arm it takes away or narrows; `None` if it is about no version's.
+    #[must_use]
+    pub const fn takes_from(&self) -> Option<&CapabilityId> {
+        match self {
+            Self::Rollback(operation)
+            | Self::Vacate(operation)
+            | Self::Restrict(operation)
+            | Self::Reject(operation)
+            | Self::Demote { operation, .. } => Some(&operation.version),
+            _ => None,
+        }
+    }
+
+    /// Whether it asks back, and does nothing, where nobody would take over.
+    #[must_use]
+    pub const fn asks_for_the_last(&self) -> bool {
+        matches!(self, Self::Rollback(_) | Self::Demote { .. })
     }
 
     /// The person it names as who asks; `None` if it names none.

@@ -304,6 +304,13 @@ pub enum Reply {
         /// What would help, one sentence; absent if nothing the sender can do would.
         hint: Option<String>,
     },
+    /// Answers [`Command::Stop`]: the cell is stopped, whether or not that could be written down.
+    Stopped {
+        /// What was done, one sentence for the person who asked.
+        text: String,
+        /// What of the stop outlasts this engine.
+        kept: StopKept,
+    },
     /// Answers [`Command::Snapshot`].
     Snapshot {
         /// The state of the whole engine.
@@ -352,6 +359,18 @@ impl Reply {
     pub fn refused(code: Refusal, error: &impl Hint) -> Self {
         Self::Refused { code, text: error.to_string(), hint: error.hint().map(Cow::into_owned) }
     }
+}
+
+/// Where a stop is kept, so that it is in force after the engine's end, however that comes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StopKept {
+    /// In the audit chain.
+    OnRecord,
+    /// In a file beside the record, which the next engine reads first.
+    InMark,
+    /// Nowhere but in the memory of this engine: a sudden end forgets it.
+    InMemory,
 }
 
 /// Why a command was refused: a closed set for programs, beside the sentence for people.

@@ -83,6 +83,9 @@ pub(crate) struct CellStop {
     pub(crate) released: u64,
     /// The first stop since.
     pub(crate) stopped: u64,
+    /// That an engine began to work the cell, if none says that it ended.
+    #[serde(default)]
+    pub(crate) began: u64,
 }
 
 /// The parts of a fold that a snapshot keeps.
@@ -463,7 +466,11 @@ impl Fold {
         match self.last_kind.1 {
             Some(kind) if is_own(kind) => self.fold_body(record.seq, kind, record.body)?,
             Some(RecordKind::CellStopped) if self.cell.stopped == 0 => self.cell.stopped = record.seq,
-            Some(RecordKind::CellReleased) => self.cell = CellStop { released: record.seq, stopped: 0 },
+            Some(RecordKind::CellReleased) => {
+                self.cell = CellStop { released: record.seq, stopped: 0, ..self.cell };
+            }
+            Some(RecordKind::EngineBegan) => self.cell.began = record.seq,
+            Some(RecordKind::EngineEnded) => self.cell.began = 0,
             Some(_) | None => {}
         }
         self.end = Head { seq: record.seq, hash: record.hash, at_ms: record.at_ms };

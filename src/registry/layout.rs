@@ -7,10 +7,8 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::error::StoreError;
+use super::stop_mark::StopMarks;
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
-
-/// The longest text of a stop that is kept beside the database, bytes.
-const STOP_BYTES_MAX: u64 = 64 * 1024;
 
 /// The paths of one store.
 #[derive(Clone, Debug)]
@@ -97,52 +95,16 @@ impl Layout {
         self.folder.join("logs")
     }
 
-    /// A person's stop of the cell that could not be put on record. Whatever lies there stops the next engine.
+    /// Where a person's stop of the cell is kept that could not be put on record.
     #[must_use]
-    pub fn stop_mark(&self) -> PathBuf {
-        self.folder.join("stop.unrecorded")
+    pub fn stop_marks(&self) -> StopMarks {
+        StopMarks::of(self)
     }
 
     /// A stop of the cell that somebody asks for by this mark, whoever answers at the socket.
     #[must_use]
     pub fn stop_asked(&self) -> PathBuf {
         self.folder.join("stop.asked")
-    }
-
-    /// Keeps a stop beside the database, until it is on record.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn mark_stop(&self, text: &str) -> Result<(), StoreError> {
-        let mark = self.stop_mark();
-        write_atomically(&mark, text.as_bytes()).or_else(|error| {
-            // On a full disk no text can be written, and an entry in the folder still can: an empty mark stops as well.
-            match OpenOptions::new()
-                .write(true)
-                .create_new(true)
-                .mode(0o600)
-                .custom_flags(NO_LINK)
-                .open(&mark)
-            {
-                Ok(_) => sync_folder(&self.folder),
-                Err(_) if fs::symlink_metadata(&mark).is_ok() => Ok(()),
-                Err(_) => Err(error),
-            }
-        })
-    }
-
-    /// The stop that is kept, as it was written; empty if there is one that cannot be read. `None`: there is none.
-    #[must_use]
-    pub fn marked_stop(&self) -> Option<String> {
-        let path = self.stop_mark();
-        fs::symlink_metadata(&path).ok()?;
-        Some(holdpoint_text::file::read_text(&path, STOP_BYTES_MAX).unwrap_or_default())
-    }
-
-    /// The stop is on record.
-    pub fn unmark_stop(&self) {
-        // What cannot be removed stops the next engine, too: it can be let go.
-        drop(fs::remove_file(self.stop_mark()));
     }
 
     /// Makes the folders that are missing, only for their owner.

@@ -49,6 +49,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::ShiftNote
         | RecordKind::CellStopped
         | RecordKind::CellReleased
+        | RecordKind::EngineBegan
+        | RecordKind::EngineEnded
         | RecordKind::Commissioned
         | RecordKind::SensesCommissioned
         | RecordKind::AuditClosed

@@ -45,7 +45,7 @@ pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(),
     Ok(())
 }
 
-/// A stop of the cell is found by the kind of its record: what the index has of such records is what the chain says.
+/// A stop of the cell, and how its last engine ended, are found by the kind of a record: what the index has of such records is what the chain says.
 fn check_cell(connection: &Connection, fold: &Fold) -> Result<(), String> {
     let number = |sql: &str, after: u64| -> Result<u64, String> {
         let found = connection.query_row(sql, [after], |row| row.get::<_, Option<u64>>(0));
@@ -57,7 +57,9 @@ fn check_cell(connection: &Connection, fold: &Fold) -> Result<(), String> {
     };
     let released = number(&by_kind("max", RecordKind::CellReleased), 0)?;
     let stopped = number(&by_kind("min", RecordKind::CellStopped), released)?;
-    if fold.cell() == (CellStop { released, stopped }) {
+    let ended = number(&by_kind("max", RecordKind::EngineEnded), 0)?;
+    let began = number(&by_kind("max", RecordKind::EngineBegan), ended)?;
+    if fold.cell() == (CellStop { released, stopped, began }) {
         return Ok(());
     }
     Err("the index \"audit_kind\" is not what its table holds".to_owned())

@@ -135,7 +135,7 @@ fn what_is_asked_at_two_seats_is_told_apart() {
     assert!(matches!(answered(&mut ana, Command::Pace { times: Some(2.0) }), Reply::Accepted { .. }));
     assert!(matches!(answered(&mut bert, Command::Pace { times: Some(3.0) }), Reply::Accepted { .. }));
     let stop = Command::Stop { by: "bert".to_owned(), reason: String::new() };
-    assert!(matches!(answered(&mut bert, stop), Reply::Accepted { .. }));
+    assert!(matches!(answered(&mut bert, stop), Reply::Stopped { .. }));
 }
 
 /// A stop waited behind what the same console had asked before, which was answered after the sequence alone.
@@ -155,7 +155,7 @@ fn a_stop_waits_for_nothing_that_was_asked_before_it() {
         match host.updates.blocking_recv().unwrap() {
             Update::Answer { id, reply } => {
                 assert_eq!(id, "stop", "{reply:?}");
-                assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+                assert!(matches!(reply, Reply::Stopped { .. }), "{reply:?}");
                 break;
             }
             Update::Ended(ended) => panic!("{ended:?}"),
@@ -268,7 +268,7 @@ fn what_happened_before_is_told_at_once_and_nothing_twice() {
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
     let stop = Command::Stop { by: "bert".to_owned(), reason: "a hand".to_owned() };
-    assert!(matches!(front.carry_out(stop), Reply::Accepted { .. }));
+    assert!(matches!(front.carry_out(stop), Reply::Stopped { .. }));
     front.until(|kind| matches!(kind, EventKind::ArmStands { .. }));
     let mut ana = client(folder.path()).attach(sitting("ana", "Overview")).unwrap();
     let Some(Shown::Past { events, earlier: 0 }) = ana.next(PATIENCE).unwrap() else {

@@ -3,14 +3,20 @@
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::os::unix::net::UnixListener;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use holdpoint::engine::door::{Client, socket_path};
 use holdpoint::engine::halt::recall;
-use holdpoint::protocol::command::{Command, Reply};
+use holdpoint::protocol::command::{Command, Reply, StopKept};
 use holdpoint::registry::{Layout, Views};
 
 use crate::door::{PATIENCE, client, engine};
+
+/// Where a stop lies that is on no record, first of all.
+fn mark(layout: &Layout) -> PathBuf {
+    layout.stop_marks().places()[0].clone()
+}
 
 /// Whoever removes the socket, or puts another in its place, takes nobody the way to stop.
 #[test]
@@ -47,7 +53,7 @@ fn a_socket_that_is_removed_is_there_again() {
         };
         let stop = Command::Stop { by: "ana".to_owned(), reason: what.to_owned() };
         let reply = asking.ask(stop).unwrap();
-        assert!(matches!(reply, Reply::Accepted { .. }), "{what}: {reply:?}");
+        assert!(matches!(reply, Reply::Stopped { .. }), "{what}: {reply:?}");
         assert_eq!(socket.metadata().unwrap().permissions().mode() & 0o777, 0o600);
     }
     let reply = client(folder.path()).ask(Command::Shutdown).unwrap();
@@ -68,7 +74,7 @@ fn a_stop_is_answered_while_another_program_has_the_database() {
     let began = Instant::now();
     let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
     let reply = asking.ask(stop).unwrap();
-    assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("is stopped")), "{reply:?}");
+    assert!(matches!(&reply, Reply::Stopped { kept: StopKept::InMark, .. }), "{reply:?}");
     // Less than the time for which a write waits for another program.
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
     other.execute_batch("ROLLBACK").unwrap();
@@ -100,9 +106,9 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
     let stop = Command::Stop { by: "ana".to_owned(), reason: "somebody is in the cell".to_owned() };
     let reply = asking.ask(stop).unwrap();
-    assert!(matches!(&reply, Reply::Accepted { .. }), "{reply:?}");
+    assert!(matches!(&reply, Reply::Stopped { kept: StopKept::InMark, .. }), "{reply:?}");
     let until = Instant::now() + PATIENCE;
-    while !layout.stop_mark().is_file() {
+    while !mark(&layout).is_file() {
         assert!(Instant::now() < until, "it is not kept beside the database");
         std::thread::yield_now();
     }
@@ -113,7 +119,7 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     // Ended in an orderly way, it is on record before the end.
     assert!(matches!(asking.ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
     running.join().unwrap();
-    assert!(!layout.stop_mark().exists(), "it is on record by now");
+    assert!(!mark(&layout).exists(), "it is on record by now");
     let recalled = recall(&Views::open(&layout.database()).unwrap()).unwrap();
     assert_eq!(recalled.map(|stopped| stopped.by), Some("ana".to_owned()));
 }
@@ -127,13 +133,13 @@ fn a_stop_beside_the_database_stops_the_next_engine() {
         let first = engine(folder.path());
         assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
         first.join().unwrap();
-        fs::write(layout.stop_mark(), text).unwrap();
+        fs::write(mark(&layout), text).unwrap();
         let second = engine(folder.path());
         let Reply::Snapshot { snapshot } = client(folder.path()).ask(Command::Snapshot).unwrap() else {
             panic!("no snapshot")
         };
         assert!(snapshot.stopped.is_some(), "{text}");
-        assert!(!layout.stop_mark().exists(), "{text}: it is on record");
+        assert!(!mark(&layout).exists(), "{text}: it is on record");
         assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
         second.join().unwrap();
         assert!(recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some());

@@ -14,7 +14,7 @@ use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, StartError};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
-use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request};
+use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request, StopKept};
 use holdpoint::protocol::seat::Sitting;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, StoreError, Transaction, Views};
@@ -147,7 +147,7 @@ fn while_the_record_is_read_it_shows_and_stops_and_does_nothing_else() {
     let by = || ("ana".to_owned(), "somebody is in the cell".to_owned());
     let (who, reason) = by();
     let reply = client.ask(Command::Stop { by: who, reason }).unwrap();
-    assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("stopped")), "{reply:?}");
+    assert!(matches!(&reply, Reply::Stopped { kept: StopKept::InMark, .. }), "{reply:?}");
     assert_eq!(look(&mut client).stopped.map(|stopped| (stopped.by, stopped.reason)), Some(by()));
     assert_eq!(
         stops_on_record(&layout),

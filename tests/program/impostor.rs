@@ -333,7 +333,7 @@ fn every_stop_is_confirmed_and_counts_once() {
         let outcome = call.ask(&served.layout());
         took.push(begun.elapsed());
         assert!(
-            matches!(&outcome, StopOutcome::Answered(Reply::Accepted { text, .. }) if text.contains("is stopped")),
+            matches!(&outcome, StopOutcome::Answered(Reply::Stopped { text, .. }) if text.contains("is stopped")),
             "{nth}: {outcome:?}"
         );
         if nth % 10 == 9 {

@@ -14,6 +14,7 @@ mod attach;
 mod bad_input;
 mod bench;
 mod between;
+mod braking;
 mod cli;
 mod displaced;
 mod door;
@@ -45,6 +46,7 @@ mod skill;
 mod stages;
 mod stop;
 mod storm;
+mod survives;
 mod typed;
 
 #[path = "../support/agent.rs"]

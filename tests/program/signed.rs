@@ -128,7 +128,7 @@ impl Asking {
     #[track_caller]
     fn accepts(&mut self, command: &Command) {
         let reply = self.client.ask(command.clone()).unwrap();
-        assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
+        assert!(matches!(reply, Reply::Accepted { .. } | Reply::Stopped { .. }), "{command:?}: {reply:?}");
     }
 
     #[track_caller]
@@ -288,7 +288,7 @@ fn signs_once_and_here(profile: ProfileName) {
     // Taking away needs no signature; a bad one is in nobody's way.
     asking.stop();
     let stop = Command::Stop { by: "omar".to_owned(), reason: "smoke".to_owned() };
-    assert!(matches!(asking.with(&stop, &by_omar), Reply::Accepted { .. }));
+    assert!(matches!(asking.with(&stop, &by_omar), Reply::Stopped { .. }));
     asking.accepts(&Command::Pause(of("grasp@1.2.0", "nobody-at-all")));
     asking.accepts(&Command::Reject(of("grasp@1.2.0", "nobody-at-all")));
     asking.accepts(&Command::Restrict(of("align@1.0.0", "nobody-at-all")));

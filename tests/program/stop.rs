@@ -9,7 +9,7 @@ use std::time::Duration;
 use holdpoint::body::RATE_HZ;
 use holdpoint::engine::door::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
 use holdpoint::governance::record::RecordKind;
-use holdpoint::protocol::command::{Caller, Command, Refusal, Reply};
+use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, StopKept};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{AuditFilter, Layout, Views};
 use holdpoint::runtime::capability;
@@ -28,7 +28,8 @@ fn go_knowing(since_ms: u64, stops: u64) -> Command {
 }
 
 fn accepted(reply: &Reply) {
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let done = matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopKept::OnRecord, .. });
+    assert!(done, "{reply:?}");
 }
 
 impl Front {

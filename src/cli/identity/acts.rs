@@ -129,7 +129,8 @@ impl Register {
                     Reply::Refused { code, text, hint } => {
                         Err(NotTaken::Refused(refused(code, &text, hint.as_deref())))
                     }
-                    Reply::Snapshot { .. }
+                    Reply::Stopped { .. }
+                    | Reply::Snapshot { .. }
                     | Reply::Question { .. }
                     | Reply::Detail { .. }
                     | Reply::Film { .. }

@@ -10,7 +10,7 @@ use holdpoint_engine::host::EndFault;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
-use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::command::{Refusal, Reply, StopKept};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::question::QuestionView;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -202,8 +202,13 @@ pub(super) fn answer(model: &mut Model, id: &str, reply: Reply) -> Vec<Effect> {
     let asked = pending.map(|pending| pending.what).unwrap_or_default();
     match reply {
         _ if stays_in_sight => Vec::new(),
-        Reply::Accepted { text, .. } => {
+        Reply::Accepted { text, .. } | Reply::Stopped { text, kept: StopKept::OnRecord } => {
             tell(model, text, false);
+            Vec::new()
+        }
+        // It is in force, and whoever asked has to know what a sudden end would make of it.
+        Reply::Stopped { text, kept: StopKept::InMark | StopKept::InMemory } => {
+            tell(model, text, true);
             Vec::new()
         }
         // Two consoles have the same list before them: the next one of it is as good.

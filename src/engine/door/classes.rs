@@ -95,6 +95,16 @@ impl Classes {
         Silent { idle: Arc::clone(&self.idle), place, gives_way }
     }
 
+    /// The connection that has asked for nothing for longest gives way. Tells whether there was one.
+    pub(super) fn make_room(&self) -> bool {
+        let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let longest = idle.longest_first.pop_first();
+        longest.is_some_and(|(_, longest)| {
+            longest.cancel();
+            true
+        })
+    }
+
     /// A place for one that is told events; `None` if there is none left.
     pub(super) fn observer(&self) -> Option<OwnedSemaphorePermit> {
         Arc::clone(&self.observers).try_acquire_owned().ok()

@@ -65,7 +65,9 @@ impl Doubt {
     #[must_use]
     pub fn of(self, reply: &Reply) -> String {
         match reply {
-            Reply::Accepted { text, .. } | Reply::Refused { text, .. } => format!("{self}; it says: {text}"),
+            Reply::Accepted { text, .. } | Reply::Stopped { text, .. } | Reply::Refused { text, .. } => {
+                format!("{self}; it says: {text}")
+            }
             _ => self.to_string(),
         }
     }

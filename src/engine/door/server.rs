@@ -19,15 +19,18 @@ use tokio_util::sync::CancellationToken;
 use super::accounts::{Account, Accounts};
 use super::attended::{Past, Shown};
 use super::classes::{ASKING_MAX, Classes, IDLE_MAX, OBSERVERS_MAX};
+use super::room;
 use super::seats::Seats;
 use super::socket::{BoundSocket, SocketPlace};
 use super::{Incoming, Scenes, Signals};
 use crate::caller;
+use crate::halt;
 use crate::world::switch::{AskedStop, Switch};
-use holdpoint_protocol::command::{Caller, Command, Refusal, Reply};
+use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, StopKept};
 use holdpoint_protocol::wire::{
     self, ANSWER_BYTES_MAX, Answer, CALL_BYTES_MAX, Call, ID_BYTES_MAX, PROTOCOL,
 };
+use holdpoint_registry::StopMarks;
 
 /// How long a connection may say nothing.
 const IDLE_TIME_MAX: Duration = Duration::from_mins(1);
@@ -42,8 +45,17 @@ const CLOSING_MAX: Duration = Duration::from_millis(500);
 /// record, because another program keeps the database for itself, would keep the answer as well.
 const STOP_ANSWER_MAX: Duration = Duration::from_secs(1);
 
+/// How long it may take to keep a stop beside the record.
+const STOP_KEPT_MAX: Duration = Duration::from_secs(1);
+
 /// How often it is looked whether the socket still has its name.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+/// How long a connection may say nothing for which there is no room.
+const CROWDED_TIME_MAX: Duration = Duration::from_secs(1);
+
+/// How often others get their turn before a connection that gave way is taken for open.
+const TURNS_TO_CLOSE: usize = 4;
 
 /// Pause after a failed accept, so that a lack of file descriptors does not take a core.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
@@ -52,6 +64,8 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 #[derive(Clone)]
 pub(super) struct DoorServer {
     pub(super) requests: SyncSender<Incoming>,
+    /// What takes authority away has a queue of its own.
+    pub(super) braking: SyncSender<Incoming>,
     pub(super) events: broadcast::Sender<Arc<str>>,
     pub(super) endings: Arc<AtomicUsize>,
     pub(super) cancel: Arc<AtomicBool>,
@@ -64,6 +78,8 @@ pub(super) struct DoorServer {
     pub(super) scenes: Scenes,
     pub(super) names_taken: Arc<AtomicU64>,
     pub(super) accounts: Accounts,
+    /// Where a stop is kept that the engine does not put on record in time.
+    pub(super) marks: StopMarks,
 }
 
 impl DoorServer {
@@ -99,6 +115,8 @@ impl DoorServer {
         let mut lost = false;
         let mut look = tokio::time::interval(LOOK_EVERY);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let most = room::connections_max();
+        let mut spare = room::spare();
         loop {
             let accepted = tokio::select! {
                 () = self.stop.cancelled() => break,
@@ -122,9 +140,26 @@ impl DoorServer {
                 accepted = listener.accept() => accepted,
             };
             let Ok((stream, _)) = accepted else {
-                tokio::time::sleep(ACCEPT_PAUSE).await;
+                // There are no descriptors left: the spare one is for whoever is at the door.
+                self.classes.make_room();
+                if spare.take().is_none() {
+                    tokio::time::sleep(ACCEPT_PAUSE).await;
+                }
                 continue;
             };
+            let mut crowded = open.len() >= most;
+            if crowded && self.classes.make_room() {
+                // It closes as soon as it is its turn.
+                for _ in 0..TURNS_TO_CLOSE {
+                    tokio::task::yield_now().await;
+                    while open.try_join_next().is_some() {}
+                }
+                crowded = open.len() >= most;
+            }
+            if open.len() >= most + room::CROWDED_MAX {
+                continue;
+            }
+            spare = spare.or_else(room::spare);
             let Ok(peer) = stream.peer_cred() else { continue };
             // Somebody else's process gets no word.
             let Some(account) = self.accounts.of(peer.uid()) else { continue };
@@ -132,7 +167,7 @@ impl DoorServer {
             let server = self.clone();
             open.spawn(async move {
                 // A client that goes away, or does not read, has only itself to tell.
-                drop(server.connection(stream, caller, account).await);
+                drop(server.connection(stream, (caller, account), crowded).await);
             });
         }
         drop(listener);
@@ -140,17 +175,24 @@ impl DoorServer {
         drop(timeout(CLOSING_MAX, closing).await);
     }
 
-    async fn connection(self, stream: UnixStream, caller: Caller, account: Account) -> io::Result<()> {
+    /// `crowded`: there is no room for it, and it has to take authority away at once.
+    async fn connection(
+        self,
+        stream: UnixStream,
+        (caller, account): (Caller, Account),
+        crowded: bool,
+    ) -> io::Result<()> {
         let (mut reader, mut writer) = greeted(stream).await?;
+        let idle_max = if crowded { CROWDED_TIME_MAX } else { IDLE_TIME_MAX };
         loop {
             let silent = self.classes.silent();
             let call = tokio::select! {
                 () = self.stop.cancelled() => return Ok(()),
                 () = silent.gives_way() => {
-                    let text = format!("{IDLE_MAX} connections that asked for nothing were newer; connect again");
+                    let text = format!("there is room for {IDLE_MAX} connections that ask for nothing at most, and others were newer; connect again");
                     return write(&mut writer, &Answer::Closed { text }).await;
                 }
-                read = timeout(IDLE_TIME_MAX, read_call(&mut reader)) => match read {
+                read = timeout(idle_max, read_call(&mut reader)) => match read {
                     Ok(call) => call?,
                     Err(_) => return Ok(()),
                 },
@@ -159,6 +201,10 @@ impl DoorServer {
             match call {
                 Read::Nothing => return Ok(()),
                 Read::Bad(text) => return write(&mut writer, &Answer::Closed { text }).await,
+                Read::Call(call) if crowded && !takes_authority_away(&call) => {
+                    let text = "this process has no file descriptors left for more connections; one that stops the cell or takes a version's authority away is heard".to_owned();
+                    return write(&mut writer, &Answer::Closed { text }).await;
+                }
                 Read::Call(call @ (Call::Subscribe {} | Call::Attach { .. })) => {
                     let Some(_place) = self.classes.observer() else {
                         let text = format!(
@@ -203,28 +249,34 @@ impl DoorServer {
     }
 
     async fn ask(&self, request: Box<holdpoint_protocol::command::Request>, caller: &Caller) -> Reply {
-        let stops = matches!(request.command, Command::Stop { .. });
+        let mut stop = None;
         if let Command::Stop { by, reason } = &request.command {
             // Here and now, whatever the engine is at, and however many requests wait.
             let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
-            self.switch.halt(AskedStop { id, by, reason, caller: caller.clone() });
+            let asked = AskedStop { id, by, reason, caller: caller.clone() };
+            self.switch.halt(asked.clone());
+            stop = Some(asked);
         }
         let refused = |code, text: &str| Reply::Refused { code, text: text.to_owned(), hint: None };
         if request.id.is_empty() || request.id.len() > ID_BYTES_MAX {
             let text = format!("the id of a command has 1 to {ID_BYTES_MAX} bytes, not {}", request.id.len());
             return refused(Refusal::BadInput, &text);
         }
-        let stopped = || Reply::Accepted {
-            text: "the cell is stopped; the engine puts it on record next".to_owned(),
-            version: None,
-        };
-        let Some(_place) = self.classes.request(&request.command) else {
-            return if stops { stopped() } else { too_many() };
-        };
+        let Some(_place) = self.classes.request(&request.command) else { return self.late(stop).await };
         let (answer, reply) = oneshot::channel();
-        match self.requests.try_send(Incoming::Request(request, caller.clone(), answer)) {
+        let id = request.id.clone();
+        // Here and now as well: who is at work under that version is so no more, whatever the engine is at.
+        self.switch.brake(&request);
+        let brakes = request.command.takes_authority_away();
+        let queue = if brakes { &self.braking } else { &self.requests };
+        match queue.try_send(Incoming::Request(request, caller.clone(), answer)) {
+            // An engine that waits for something wakes by it; a full queue wakes it just as well.
+            Ok(()) if brakes => drop(self.requests.try_send(Incoming::Wake)),
             Ok(()) => {}
-            Err(TrySendError::Full(_)) => return if stops { stopped() } else { too_many() },
+            Err(TrySendError::Full(_)) => {
+                self.switch.taken(&id);
+                return self.late(stop).await;
+            }
             Err(TrySendError::Disconnected(_)) => return refused(Refusal::NotNow, "the engine has ended"),
         }
         // An engine that ends drops what waits; whoever comes first says so.
@@ -232,8 +284,29 @@ impl DoorServer {
             biased;
             reply = reply => reply.unwrap_or_else(|_| refused(Refusal::NotNow, "the engine is ending")),
             () = self.stop.cancelled() => refused(Refusal::NotNow, "the engine is ending"),
-            () = tokio::time::sleep(STOP_ANSWER_MAX), if stops => stopped(),
+            () = tokio::time::sleep(STOP_ANSWER_MAX), if stop.is_some() => self.late(stop).await,
         }
+    }
+
+    /// The answer for somebody whom the engine does not answer in time: a stop is kept beside the record meanwhile.
+    async fn late(&self, stop: Option<AskedStop>) -> Reply {
+        let Some(asked) = stop else {
+            return Reply::Refused {
+                code: Refusal::NotNow,
+                text: format!("{ASKING_MAX} requests are being answered, which is all there may be"),
+                hint: Some("try again in a moment; `stop` needs no place".to_owned()),
+            };
+        };
+        let next = "the engine puts it on record next";
+        // As long as one waits, the first of them is kept, which stops the next engine for all.
+        let first = self.switch.first_asked();
+        let marks = self.marks.clone();
+        let keep = move || halt::stopped_meanwhile(first.as_ref().unwrap_or(&asked), &marks, next);
+        let kept = timeout(STOP_KEPT_MAX, tokio::task::spawn_blocking(keep)).await;
+        kept.ok().and_then(Result::ok).unwrap_or_else(|| Reply::Stopped {
+            text: format!("the cell is stopped; {next}; until then {}", halt::KEPT_NOWHERE),
+            kept: StopKept::InMemory,
+        })
     }
 
     /// Tells events until the client goes away or the door closes. A slow client is told what it missed.
@@ -286,12 +359,8 @@ impl DoorServer {
     }
 }
 
-fn too_many() -> Reply {
-    Reply::Refused {
-        code: Refusal::NotNow,
-        text: format!("{ASKING_MAX} requests are being answered, which is all there may be"),
-        hint: Some("try again in a moment; `stop` needs no place".to_owned()),
-    }
+fn takes_authority_away(call: &Call) -> bool {
+    matches!(call, Call::Ask { request } if request.command.takes_authority_away())
 }
 
 /// Both halves of a connection that was told who serves it.

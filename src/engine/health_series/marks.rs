@@ -156,6 +156,7 @@ pub(super) fn of_alarms(span: &Span, alarms: &[AlarmSpell]) -> Vec<HealthMark> {
             | AlarmKind::TelemetryMissed
             | AlarmKind::CheckpointFailed
             | AlarmKind::NameTaken
+            | AlarmKind::CameUpStopped
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,
         };
         let family = family_of(&key);
@@ -211,6 +212,7 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
         | AlarmKey::TelemetryMissed
         | AlarmKey::CheckpointFailed
         | AlarmKey::NameTaken
+        | AlarmKey::CameUpStopped
         | AlarmKey::EngineFault => None,
     }
 }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use crate::door::{
     Client, DoorError, NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, socket_path, stopped_by_mark,
 };
-use holdpoint_protocol::command::{Command, Refusal, Reply};
+use holdpoint_protocol::command::{Command, Refusal, Reply, StopKept};
 use holdpoint_registry::{Layout, lock_owner};
 use holdpoint_text::Problem;
 
@@ -70,7 +70,9 @@ fn nobody_at_work() -> Reply {
 pub(super) fn stop(call: &StopCall, layout: &Layout) -> Reply {
     match call.ask(layout) {
         StopOutcome::Answered(reply) => reply,
-        StopOutcome::Marked(instead) => Reply::Accepted { text: stopped_by_mark(&instead), version: None },
+        StopOutcome::Marked(instead) => {
+            Reply::Stopped { text: stopped_by_mark(&instead), kept: StopKept::InMark }
+        }
         StopOutcome::NoEngine => {
             // What is refused stops no engine that comes later.
             call.withdraw(layout);
@@ -88,6 +90,7 @@ fn said(reply: Reply) -> Reply {
     const WHO: &str = "the engine at work, in another process";
     match reply {
         Reply::Accepted { text, version } => Reply::Accepted { text: format!("{WHO}: {text}"), version },
+        Reply::Stopped { text, kept } => Reply::Stopped { text: format!("{WHO}: {text}"), kept },
         Reply::Refused { code, text, hint } => Reply::Refused { code, text: format!("{WHO}: {text}"), hint },
         other => other,
     }

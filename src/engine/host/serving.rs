@@ -24,7 +24,7 @@ const PAUSE_STOPPING: Duration = Duration::from_millis(2);
 pub(super) struct Serving<'a> {
     pump: Pump,
     asked: &'a Receiver<Request>,
-    /// Requests that came before the engine was up.
+    /// Requests that wait; those that came before the engine was up, at first.
     first: VecDeque<Request>,
     /// Requests whose answer comes after the sequence that runs.
     waiting: Vec<String>,
@@ -108,16 +108,19 @@ impl<'a> Serving<'a> {
 
     /// Carries out what was asked meanwhile. Tells whether the front end is gone.
     fn requests(&mut self, first: Option<Request>, publisher: &mut Publisher) -> bool {
-        let mut next = first;
+        self.first.extend(first);
         for _ in 0..OUTSTANDING_MAX {
-            let request = match self.first.pop_front().or_else(|| next.take()) {
-                Some(request) => request,
-                None => match self.asked.try_recv() {
-                    Ok(request) => request,
+            while self.first.len() < OUTSTANDING_MAX {
+                match self.asked.try_recv() {
+                    Ok(request) => self.first.push_back(request),
                     Err(TryRecvError::Empty) => break,
-                    Err(TryRecvError::Disconnected) => return true,
-                },
-            };
+                    Err(TryRecvError::Disconnected) if self.first.is_empty() => return true,
+                    Err(TryRecvError::Disconnected) => break,
+                }
+            }
+            // What takes authority away comes first.
+            let brake = self.first.iter().position(|request| request.command.takes_authority_away());
+            let Some(request) = self.first.remove(brake.unwrap_or(0)) else { break };
             let id = request.id.clone();
             if matches!(request.command, Command::Shutdown) {
                 let seats = publisher.seats();

@@ -274,6 +274,8 @@ impl History {
             | RecordKind::LiveFault
             | RecordKind::CellStopped
             | RecordKind::CellReleased
+            | RecordKind::EngineBegan
+            | RecordKind::EngineEnded
             | RecordKind::Commissioned
             | RecordKind::SensesCommissioned
             | RecordKind::Recording

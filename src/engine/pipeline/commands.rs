@@ -211,15 +211,16 @@ impl Pipeline {
             Command::Audit { before, subject, without, limit } => {
                 lookup::audit_page(record, before, &subject, without, limit)
             }
-            Command::VerifyAudit => lookup::verify_audit(record),
             // The engine answers these itself.
-            Command::Stop { .. } | Command::Snapshot | Command::Health { .. } | Command::Shutdown => {
-                Ok(Reply::Refused {
-                    code: Refusal::BadInput,
-                    text: "this is for the engine, not for the pipeline".to_owned(),
-                    hint: None,
-                })
-            }
+            Command::Stop { .. }
+            | Command::Snapshot
+            | Command::Health { .. }
+            | Command::VerifyAudit
+            | Command::Shutdown => Ok(Reply::Refused {
+                code: Refusal::BadInput,
+                text: "this is for the engine, not for the pipeline".to_owned(),
+                hint: None,
+            }),
         }
     }
 

@@ -200,6 +200,13 @@ impl Pipeline {
             return Ok(());
         }
         let along = self.shadow_to_take()?;
+        let at_work = self.record.ledger().families().filter_map(|(_, entry)| entry.active());
+        let at_work = at_work.map(|member| {
+            let id = member.capability.id();
+            let last = asks_for_last(&self.context, &self.record, &id).is_some();
+            (id, last)
+        });
+        self.world.switch().work_under(at_work.collect());
         let begun = self.live().begin_sequence()?;
         self.world.stopped = None;
         let clock = self.record.clock().clone();

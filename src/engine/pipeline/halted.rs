@@ -5,7 +5,7 @@ use crate::fault::Fault;
 use crate::halt;
 use crate::world::switch::AskedStop;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
-use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::command::{Reply, StopKept};
 
 impl Pipeline {
     /// Puts a stop on record that was asked for on another thread, and tells when the arm stands.
@@ -21,7 +21,7 @@ impl Pipeline {
     /// A person stops the cell, at any time. A stop that cannot be written is one all the same; the engine holds then.
     pub(crate) fn halt(&mut self, asked: AskedStop) -> Reply {
         let reply = halt::stop(&mut self.record, &mut self.world, asked);
-        if let Reply::Refused { text, .. } = &reply
+        if let Reply::Stopped { text, kept: StopKept::InMark | StopKept::InMemory } = &reply
             && self.record.holding().is_none()
         {
             self.hold(text);

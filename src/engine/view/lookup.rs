@@ -20,7 +20,7 @@ use holdpoint_governance::record::{AuditRecord, RecordKind, VersionGroup};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::detail::{AuditPage, Detail, PAGE_MAX, RegistryPage, Verified};
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditFilter, EvidenceEntry, VersionFilter};
+use holdpoint_registry::{AuditFilter, EvidenceEntry, Layout, StoreError, VersionFilter, Views};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
 
@@ -87,10 +87,9 @@ pub(crate) fn audit_page(
 }
 
 /// Checks the whole chain, the registry against it, and what is sealed into it.
-pub(crate) fn verify_audit(record: &Record) -> Result<Reply, Fault> {
-    let layout = record.ledger().store().layout();
+pub(crate) fn verify_audit(layout: &Layout) -> Result<Reply, StoreError> {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
-    let head = record.ledger().store().views()?.head()?.seq;
+    let head = Views::open(&layout.database())?.head()?.seq;
     let verified = match holdpoint_registry::verify(&layout.database(), key.as_ref()) {
         Ok(report) => Verified {
             holds: true,

@@ -1,14 +1,17 @@
 //! How somebody outside stops the arm: from any thread, in the tick in which the body reads it.
 //!
-//! Two kinds of stop. [`Switch::stop`] ends the sequence that runs, for an operation that follows at once.
+//! Three kinds of stop. [`Switch::stop`] ends the sequence that runs, for an operation that follows at once.
+//! [`Switch::brake`] lets nothing work while a request waits that takes authority from a version at work.
 //! [`Switch::halt`] is a person's stop of the cell: it latches, the body itself brakes and takes no command while it
 //! lasts, and only `Switch::release` ends it. Decides nothing, and waits for nobody.
 
-use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
-use holdpoint_protocol::command::Caller;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::command::{Caller, Request};
 
 /// The most stops that wait to be put on record, and the most ids that are known.
 const ASKED_MAX: usize = 64;
@@ -54,6 +57,20 @@ pub struct Switch {
     stood_after: AtomicU64,
     /// What was asked.
     asked: Mutex<StopsAsked>,
+    /// Requests that take authority away and that the engine has not taken yet.
+    brakes: AtomicUsize,
+    braking: Mutex<Braking>,
+}
+
+/// Who may be braked, and for which requests the arm is.
+#[derive(Debug, Default)]
+struct Braking {
+    /// The versions of the newest sequence, and whether each is the last of its family.
+    at_work: Vec<(CapabilityId, bool)>,
+    /// Ids of requests.
+    waiting: BTreeSet<String>,
+    /// When the arm was told last to stand: by a request that takes authority away, or by a person's stop.
+    told: Option<Instant>,
 }
 
 /// What reaches into an engine from other threads; it may be there before the engine is.
@@ -75,6 +92,8 @@ impl Default for Switch {
             asked_at: AtomicU64::new(0),
             stood_after: AtomicU64::new(NEVER),
             asked: Mutex::default(),
+            brakes: AtomicUsize::new(0),
+            braking: Mutex::default(),
         }
     }
 }
@@ -97,7 +116,57 @@ impl Switch {
 
     /// Whether this sequence is to stop.
     pub(crate) fn stops(&self, number: u64) -> bool {
-        self.is_halted() || self.stop.load(Ordering::Acquire) == number
+        self.is_halted()
+            || self.brakes.load(Ordering::Acquire) > 0
+            || self.stop.load(Ordering::Acquire) == number
+    }
+
+    /// When the arm was told last to stand, by a request that takes authority away or by a person's stop.
+    #[must_use]
+    pub fn told_at(&self) -> Option<Instant> {
+        self.braking().told
+    }
+
+    /// Whether a sequence is being worked.
+    #[must_use]
+    pub fn is_at_work(&self) -> bool {
+        self.working.load(Ordering::Acquire) != 0
+    }
+
+    /// Whether no sequence may work on: the one at work is told to stop, and so would be one that begins now.
+    #[must_use]
+    pub fn lets_nothing_work(&self) -> bool {
+        self.stops(self.working.load(Ordering::Acquire))
+    }
+
+    /// Which versions work from now on, and whether each is the last of its family.
+    pub(crate) fn work_under(&self, at_work: Vec<(CapabilityId, bool)>) {
+        self.braking().at_work = at_work;
+    }
+
+    /// A request is about to wait for the engine. If it takes authority from a version at work, that version works no
+    /// more from now on, whatever the engine is doing: until [`Self::taken`].
+    pub(crate) fn brake(&self, request: &Request) {
+        let Some(version) = request.command.takes_from() else { return };
+        let mut braking = self.braking();
+        let asks = request.command.asks_for_the_last();
+        let meant = |(id, last): &(CapabilityId, bool)| id == version && !(asks && *last);
+        if braking.at_work.iter().any(meant) {
+            braking.told = Some(Instant::now());
+            braking.waiting.insert(request.id.clone());
+            self.brakes.store(braking.waiting.len(), Ordering::Release);
+        }
+    }
+
+    /// The engine has taken a request, and stopped the arm itself if it has to stand for it.
+    pub(crate) fn taken(&self, id: &str) {
+        let mut braking = self.braking();
+        braking.waiting.remove(id);
+        self.brakes.store(braking.waiting.len(), Ordering::Release);
+    }
+
+    fn braking(&self) -> std::sync::MutexGuard<'_, Braking> {
+        self.braking.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     /// A person stops the cell. Whoever asks while it is stopped is put on record, too: that person may know of
@@ -108,6 +177,7 @@ impl Switch {
         let first = !self.is_halted();
         if first {
             self.latch();
+            self.braking().told = Some(Instant::now());
         }
         if first || (slot.waiting.len() < ASKED_MAX && !slot.known.contains(&asked.id)) {
             slot.known.push_back(asked.id.clone());
@@ -146,15 +216,15 @@ impl Switch {
         slot.waiting.is_empty()
     }
 
-    /// A stop that was asked for and is to be put on record.
-    pub(crate) fn take_asked(&self) -> Option<AskedStop> {
-        self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner).waiting.pop_front()
-    }
-
-    /// The first stop that is not on record yet, while the cell is stopped by it.
+    /// The first stop that is not on record yet.
     pub(crate) fn first_asked(&self) -> Option<AskedStop> {
         let slot = self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         slot.waiting.front().cloned()
+    }
+
+    /// The first stop is on record, or kept beside it.
+    pub(crate) fn took_asked(&self) {
+        self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner).waiting.pop_front();
     }
 
     /// The body has stepped; `stands` tells since how many ticks every joint stands, while the cell is stopped.
@@ -181,6 +251,7 @@ impl Switch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_protocol::command::{Command, Operation};
 
     fn asked(by: &str) -> AskedStop {
         AskedStop { id: by.to_owned(), by: by.to_owned(), reason: String::new(), caller: Caller::Script }
@@ -201,6 +272,33 @@ mod tests {
     }
 
     #[test]
+    fn nothing_works_while_a_request_waits_that_takes_authority_from_who_is_at_work() {
+        let switch = Switch::default();
+        let (last, other) = ("grasp@1.0.0", "align@1.1.0");
+        switch.work_under(vec![(last.parse().unwrap(), true), (other.parse().unwrap(), false)]);
+        switch.begin(1);
+        let operation = |version: &str| Operation {
+            version: version.parse().unwrap(),
+            by: "ana".to_owned(),
+            reason: "a test".to_owned(),
+        };
+        let ask = |id: &str, command: Command| switch.brake(&Request::unsigned(id.to_owned(), command));
+        ask("1", Command::Rollback(operation("align@1.0.0")));
+        ask("2", Command::Pause(operation(other)));
+        // Nobody would take over: that asks back, and the arm works on.
+        ask("3", Command::Rollback(operation(last)));
+        assert!(!switch.lets_nothing_work());
+        ask("4", Command::Vacate(operation(last)));
+        ask("5", Command::Reject(operation(other)));
+        assert!(switch.stops(1) && switch.stops(2), "nor does a sequence that begins meanwhile");
+        switch.taken("4");
+        switch.taken("4");
+        assert!(switch.lets_nothing_work());
+        switch.taken("5");
+        assert!(!switch.stops(1) && !switch.stops(2) && switch.is_at_work());
+    }
+
+    #[test]
     fn a_halt_latches_for_every_sequence_until_it_is_released() {
         let switch = Switch::default();
         switch.begin(1);
@@ -211,8 +309,8 @@ mod tests {
         switch.halt(asked("bo"));
         assert!(switch.is_halted() && switch.stops(1) && switch.stops(2));
         assert!(!switch.release(), "it is not on record yet");
-        let on_record: Vec<String> =
-            std::iter::from_fn(|| switch.take_asked()).map(|asked| asked.by).collect();
+        let take = || switch.first_asked().inspect(|_| switch.took_asked());
+        let on_record: Vec<String> = std::iter::from_fn(take).map(|asked| asked.by).collect();
         assert_eq!(on_record, ["ana", "bo"]);
         assert_eq!(switch.stood_after(true), None);
         for _ in 0..30 {

@@ -44,6 +44,8 @@ crate::words! {
         CheckpointFailed = "checkpoint-failed",
         /// Another program took the name of the engine's socket, and may have answered in its place.
         NameTaken = "name-taken",
+        /// The cell came up stopped: the last engine ended suddenly, or a stop was not on record yet.
+        CameUpStopped = "came-up-stopped",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -84,6 +86,7 @@ impl AlarmKind {
             | Self::TelemetryMissed
             | Self::CheckpointFailed
             | Self::NameTaken
+            | Self::CameUpStopped
             | Self::EngineFault => AlarmTopic::Engine,
         }
     }
@@ -129,6 +132,8 @@ pub enum AlarmKey {
     CheckpointFailed,
     /// The name of the one engine's socket.
     NameTaken,
+    /// The one cell there is: how it came up.
+    CameUpStopped,
     /// The one engine there is.
     EngineFault,
 }
@@ -160,6 +165,7 @@ impl AlarmKey {
             Self::TelemetryMissed => AlarmKind::TelemetryMissed,
             Self::CheckpointFailed => AlarmKind::CheckpointFailed,
             Self::NameTaken => AlarmKind::NameTaken,
+            Self::CameUpStopped => AlarmKind::CameUpStopped,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -185,6 +191,7 @@ impl fmt::Display for AlarmKey {
             | Self::TelemetryMissed
             | Self::CheckpointFailed
             | Self::NameTaken
+            | Self::CameUpStopped
             | Self::EngineFault => {
                 write!(f, "{kind}")
             }
@@ -216,10 +223,12 @@ impl FromStr for AlarmKey {
             AlarmKind::TelemetryMissed if about.is_none() => Self::TelemetryMissed,
             AlarmKind::CheckpointFailed if about.is_none() => Self::CheckpointFailed,
             AlarmKind::NameTaken if about.is_none() => Self::NameTaken,
+            AlarmKind::CameUpStopped if about.is_none() => Self::CameUpStopped,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
             AlarmKind::EngineFault
             | AlarmKind::NameTaken
+            | AlarmKind::CameUpStopped
             | AlarmKind::CheckpointFailed
             | AlarmKind::TelemetryMissed
             | AlarmKind::CellDegraded
@@ -267,6 +276,7 @@ mod tests {
                 | AlarmKind::KeptFalse
                 | AlarmKind::CheckpointFailed
                 | AlarmKind::NameTaken
+                | AlarmKind::CameUpStopped
                 | AlarmKind::TelemetryMissed => "",
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated

@@ -324,6 +324,7 @@ impl Drive<'_> {
         let request = Request::unsigned(format!("experiment-{}", self.requests), command);
         match self.pump.submit(request) {
             Reply::Accepted { .. }
+            | Reply::Stopped { .. }
             | Reply::Snapshot { .. }
             | Reply::Question { .. }
             | Reply::Detail { .. }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::model::{EngineLink, STOP_ANSWER_MS, Seeking};
 use holdpoint_engine::host::EndFault;
-use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::command::{Refusal, Reply, StopKept};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::seat::{SeatView, Sitting};
 
@@ -67,7 +67,7 @@ fn a_stop_that_nobody_answers_is_said_until_something_confirms_it() {
     let second = id(&console.keys("X"));
     assert_ne!(first, second);
     assert!(words(&console, SIZES[0]).contains("STOP NOT ANSWERED for 66"), "{}", words(&console, SIZES[0]));
-    let accepted = Reply::Accepted { text: "the cell is stopped".to_owned(), version: None };
+    let accepted = Reply::Stopped { text: "the cell is stopped".to_owned(), kept: StopKept::OnRecord };
     let mut answered = console.clone();
     answered.tell(MsgKind::Answer { id: second, reply: Box::new(accepted) });
     assert!(!words(&answered, SIZES[0]).contains("STOP NOT"));

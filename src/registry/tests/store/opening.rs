@@ -277,14 +277,17 @@ fn a_stop_that_has_no_room_for_its_words_is_marked_all_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let layout = holdpoint_registry::Layout::new(folder.path());
     layout.create().unwrap();
-    assert_eq!(layout.marked_stop(), None);
+    let marks = layout.stop_marks();
+    assert_eq!(marks.found(), None);
     // Nothing can be written beside it first, as on a full disk.
-    fs::create_dir(folder.path().join("stop.part")).unwrap();
-    layout.mark_stop("{}").unwrap();
-    assert_eq!(layout.marked_stop().as_deref(), Some(""));
-    layout.mark_stop("{}").unwrap();
-    layout.unmark_stop();
-    assert_eq!(layout.marked_stop(), None);
+    for place in &marks.places()[..2] {
+        fs::create_dir(place.with_extension("part")).unwrap();
+    }
+    marks.keep("{}").unwrap();
+    assert_eq!(marks.found().as_deref(), Some("{}"));
+    marks.keep("{\"by\":\"bo\"}").unwrap();
+    marks.remove();
+    assert_eq!(marks.found(), None);
 }
 
 #[test]

@@ -1,0 +1,199 @@
+//! What takes authority away waits for nobody: not for readers, not for the slice that is worked, not for the record.
+//!
+//! `HOLDPOINT_BRAKES=200` measures, with a version that has all its evidence to be read: it prints the median, the 99th percentile and the worst of the time from the request
+//! to the arm that is told to stand, and to the answer, which comes when it is on record.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use holdpoint::engine::cell::Cell;
+use holdpoint::engine::door::{Client, Signals};
+use holdpoint::engine::pipeline::Progress;
+use holdpoint::engine::pump::Pump;
+use holdpoint::engine::trial::cache::EpisodeCache;
+use holdpoint::engine::world::switch::Switch;
+use holdpoint::engine::{Config, Engine};
+use holdpoint::governance::ids::CapabilityId;
+use holdpoint::governance::profile::ProfileName;
+use holdpoint::protocol::command::{Command, Reply, StopKept};
+use holdpoint::protocol::event::EventKind;
+use holdpoint::registry::{Layout, verify};
+use holdpoint::runtime::capability;
+
+use crate::door::{PATIENCE, client};
+use crate::host::{Front, operation};
+
+/// As many connections ask without pause.
+const READERS: usize = 32;
+
+/// From the request to the arm that is told to stand.
+const TOLD_WITHIN: Duration = Duration::from_millis(250);
+
+/// An engine on a thread of its own, whose live world works at the pace of a clock, and its switch.
+fn at_work(folder: &Path) -> (JoinHandle<()>, Arc<Switch>) {
+    let folder = folder.to_owned();
+    let (ready, is_ready) = channel();
+    let thread = std::thread::spawn(move || {
+        let config = Config {
+            data: &folder,
+            profile: ProfileName::Sim.into(),
+            seed: 1,
+            jobs: 1,
+            scripted: false,
+            cell: Cell::builtin().unwrap(),
+            cache: EpisodeCache::InStore,
+        };
+        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
+        pump.open_door(Signals::Left).unwrap();
+        pump.pace_live_world(Some(1.0), Arc::new(|_| ()));
+        ready.send(pump.engine().switch()).unwrap();
+        while !pump.engine().has_ended() {
+            if matches!(pump.turn().0, Progress::Idle { .. }) {
+                pump.wait(Duration::from_millis(5));
+            }
+        }
+    });
+    let switch = is_ready.recv_timeout(PATIENCE).unwrap();
+    (thread, switch)
+}
+
+/// Connections that ask for a version in full as fast as they are answered, until this is dropped.
+struct Readers {
+    go_on: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<u64>>,
+}
+
+impl Readers {
+    /// Each eighth has the whole audit chain verified.
+    fn start(folder: &Path, version: &str) -> Self {
+        let go_on = Arc::new(AtomicBool::new(true));
+        let reader = |number: usize| {
+            let version: CapabilityId = version.parse().unwrap();
+            let (go_on, layout) = (Arc::clone(&go_on), Layout::new(folder));
+            std::thread::spawn(move || {
+                let mut answered = 0;
+                let mut connection = None;
+                while go_on.load(Ordering::Acquire) {
+                    let detail = Command::Detail { version: version.clone() };
+                    let question = if number % 8 == 7 { Command::VerifyAudit } else { detail };
+                    let client = connection.take().or_else(|| Client::connect(&layout).ok().flatten());
+                    let Some(mut client) = client else { continue };
+                    if client.ask(question).is_ok() {
+                        answered += 1;
+                        connection = Some(client);
+                    }
+                }
+                answered
+            })
+        };
+        let threads = (0..READERS).map(reader).collect();
+        Self { go_on, threads }
+    }
+
+    /// How often they were answered.
+    fn end(self) -> u64 {
+        self.go_on.store(false, Ordering::Release);
+        self.threads.into_iter().map(|thread| thread.join().unwrap()).sum()
+    }
+}
+
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let until = Instant::now() + PATIENCE;
+    while !is_so() {
+        assert!(Instant::now() < until, "{what}");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+/// Asks for something: how long until the arm was told to stand, and until the answer.
+fn asked(folder: &Path, switch: &Switch, command: Command) -> (Duration, Duration, Reply) {
+    let mut asking = client(folder);
+    wait_until("nothing works", || switch.is_at_work() && !switch.lets_nothing_work());
+    let begun = Instant::now();
+    let reply = asking.ask(command).unwrap();
+    let answered = begun.elapsed();
+    let told = switch.told_at().and_then(|told| told.checked_duration_since(begun));
+    (told.unwrap_or_else(|| panic!("the arm was not told to stand: {reply:?}")), answered, reply)
+}
+
+fn register(folder: &Path, candidate: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(candidate);
+    let package = capability::read(&path).unwrap();
+    let reply = client(folder).ask(Command::Register { package, name: candidate.to_owned() }).unwrap();
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+/// A store in which a candidate became active, with everything that was measured of it.
+fn with_a_new_version(folder: &Path) {
+    let mut front = Front::start(folder, None);
+    register(folder, "align-improved");
+    front.until(|kind| matches!(kind, EventKind::Activated { .. }));
+    front.host.stop(crate::host::PATIENCE).unwrap();
+}
+
+fn copy(from: &Path, to: &Path) {
+    let copied = std::process::Command::new("cp").arg("-a").arg(from.join(".")).arg(to).status().unwrap();
+    assert!(copied.success());
+}
+
+/// With 31 readers a rollback was carried out after 19 to 27 s, and the version worked on until then.
+#[test]
+fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
+    let measured = std::env::var("HOLDPOINT_BRAKES").map(|text| text.parse().unwrap());
+    let prepared = tempfile::tempdir().unwrap();
+    if measured.is_ok() {
+        with_a_new_version(prepared.path());
+    }
+    let wanted = measured.clone().unwrap_or(4);
+    let (mut told, mut answered, mut reads) = (Vec::new(), Vec::new(), 0);
+    while told.len() < wanted {
+        let folder = tempfile::tempdir().unwrap();
+        copy(prepared.path(), folder.path());
+        let (engine, switch) = at_work(folder.path());
+        let off = |version: &str| operation(version);
+        let (read, first) = if measured.is_ok() {
+            ("align@1.1.0", Command::Rollback(off("align@1.1.0")))
+        } else {
+            ("align@1.0.0", Command::Vacate(off("align@1.0.0")))
+        };
+        // A candidate is evaluated meanwhile: slices and commits are under way.
+        register(folder.path(), "grasp-improved");
+        let readers = Readers::start(folder.path(), read);
+        for command in [first, Command::Vacate(off("place@1.0.0"))] {
+            let (arm, reply, said) = asked(folder.path(), &switch, command);
+            assert!(matches!(said, Reply::Accepted { .. }), "{said:?}");
+            told.push(arm);
+            answered.push(reply);
+        }
+        let stop = Command::Stop { by: "ana".to_owned(), reason: "a hand".to_owned() };
+        let (arm, reply, said) = asked(folder.path(), &switch, stop);
+        assert!(
+            matches!(said, Reply::Stopped { kept: StopKept::OnRecord | StopKept::InMark, .. }),
+            "{said:?}"
+        );
+        told.push(arm);
+        answered.push(reply);
+        reads += readers.end();
+        client(folder.path()).ask(Command::Shutdown).unwrap();
+        engine.join().unwrap();
+        verify(&Layout::new(folder.path()).database(), None).unwrap();
+    }
+    for (what, times) in [("the arm told to stand", &mut told), ("answered", &mut answered)] {
+        times.sort_unstable();
+        let at = |share: usize| times[(times.len() * share / 100).min(times.len() - 1)];
+        println!(
+            "{what}: median {:?}, p99 {:?}, worst {:?} of {}; {reads} questions answered meanwhile",
+            at(50),
+            at(99),
+            at(100),
+            times.len()
+        );
+    }
+    let p99 = told[(told.len() * 99 / 100).min(told.len() - 1)];
+    assert!(p99 <= TOLD_WITHIN, "{told:?}");
+    assert!(reads > 0, "nobody read meanwhile");
+}

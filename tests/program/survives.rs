@@ -1,0 +1,212 @@
+//! A stop survives: the end of its engine, however that comes, whatever lies in the place of its mark, and a process without
+//! a file descriptor left.
+
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use holdpoint::engine::door::socket_path;
+use holdpoint::governance::record::RecordKind;
+use holdpoint::registry::{AuditFilter, Layout, Views, verify};
+use serde_json::Value;
+
+/// Longer than anything here takes.
+const PATIENCE: Duration = Duration::from_mins(2);
+
+/// An engine of a process of its own; it does not outlive the test.
+struct Served {
+    child: Child,
+    lines: std::io::Lines<BufReader<std::process::ChildStdout>>,
+}
+
+impl Served {
+    /// Up, and its first events told. `limit` is how many file descriptors it may have.
+    fn start(store: &Path, profile: &str, limit: Option<u32>) -> Self {
+        let limit = limit.map_or_else(|| "unlimited".to_owned(), |limit| limit.to_string());
+        let ulimit = if limit == "unlimited" { String::new() } else { format!("ulimit -n {limit}; ") };
+        let serve = format!("{ulimit}exec \"$0\" serve --pace 1 --jobs 1 --json --no-recording \"$@\"");
+        let mut child = Command::new("sh")
+            .args(["-c", &serve, env!("CARGO_BIN_EXE_holdpoint"), "--profile", profile, "--data"])
+            .arg(store)
+            .env_remove("XDG_RUNTIME_DIR")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let mut served = Self { child, lines };
+        served.until("engine-started");
+        served
+    }
+
+    /// The first event of this kind that is still to come.
+    fn until(&mut self, kind: &str) -> Value {
+        for line in self.lines.by_ref() {
+            let event: Value = serde_json::from_str(&line.unwrap()).unwrap_or_default();
+            if event["event"] == kind {
+                return event;
+            }
+        }
+        panic!("it ended without {kind}");
+    }
+
+    fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    fn ends(mut self, store: &Path) {
+        let stopped = self.child.id();
+        rustix::process::kill_process(
+            rustix::process::Pid::from_raw(i32::try_from(stopped).unwrap()).unwrap(),
+            rustix::process::Signal::TERM,
+        )
+        .unwrap();
+        self.child.wait().unwrap();
+        verify(&Layout::new(store).database(), None).unwrap();
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+fn holdpoint(store: &Path, words: &[&str]) -> Output {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    program.env_remove("XDG_RUNTIME_DIR").args(words).arg("--data").arg(store).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+fn snapshot(store: &Path) -> Value {
+    let output = holdpoint(store, &["status", "--json"]);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", said(&output)))
+}
+
+fn records(store: &Path, kind: RecordKind) -> Vec<Value> {
+    let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
+    let found = Views::open(&Layout::new(store).database()).unwrap().audit(&filter).unwrap();
+    found.iter().map(|record| serde_json::from_str(&record.body).unwrap()).collect()
+}
+
+/// With a folder in the place of the mark, another program at the database and a kill, an answered stop was forgotten.
+#[test]
+fn an_answered_stop_is_in_force_after_a_kill_whatever_lay_in_the_place_of_its_mark() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path().join("store");
+    let mut first = Served::start(&store, "sim", None);
+    first.until("sequence");
+    let planted = Layout::new(&store).stop_marks().places()[0].clone();
+    std::fs::create_dir(&planted).unwrap();
+    let other = rusqlite::Connection::open(Layout::new(&store).database()).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let stopped = holdpoint(&store, &["stop", "--as", "ana", "--reason", "a hand", "--json"]);
+    let answer: Value =
+        serde_json::from_slice(&stopped.stdout).unwrap_or_else(|_| panic!("{}", said(&stopped)));
+    assert_eq!(
+        (answer["reply"].as_str(), answer["kept"].as_str()),
+        (Some("stopped"), Some("in-mark")),
+        "{answer}"
+    );
+    first.kill();
+    other.execute_batch("ROLLBACK").unwrap();
+    drop(other);
+    // Whoever planted it takes it away again.
+    std::fs::remove_dir(&planted).unwrap();
+    let second = Served::start(&store, "sim", None);
+    let now = snapshot(&store);
+    assert!(now.to_string().contains("ana"), "{now}");
+    let stops = records(&store, RecordKind::CellStopped);
+    assert_eq!(stops.len(), 1, "{stops:?}");
+    assert_eq!((stops[0]["by"].as_str(), stops[0]["code"].as_str()), (Some("ana"), Some("unrecorded-stop")));
+    assert!(holdpoint(&store, &["status"]).stdout.windows(7).any(|word| word == b"STOPPED"));
+    second.ends(&store);
+}
+
+/// An engine that was killed came up at work, whatever stood in the cell by then.
+#[test]
+fn after_a_sudden_end_under_real_and_human_the_cell_is_stopped_until_a_person_says_so() {
+    for profile in ["real", "human"] {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("store");
+        let mut first = Served::start(&store, profile, None);
+        first.until("sequence");
+        assert_eq!(records(&store, RecordKind::EngineBegan).len(), 1);
+        first.kill();
+        let second = Served::start(&store, profile, None);
+        let stops = records(&store, RecordKind::CellStopped);
+        assert_eq!(stops.len(), 1, "{stops:?}");
+        assert_eq!(
+            (stops[0]["by"].as_str(), stops[0]["code"].as_str()),
+            (Some("the engine"), Some("unclean-end"))
+        );
+        assert!(said(&holdpoint(&store, &["status"])).contains("STOPPED  by the engine"));
+        let alarms: Vec<Value> = records(&store, RecordKind::AlarmChanged);
+        assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
+        let nobody = holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
+        assert!(!nobody.status.success(), "{}", said(&nobody));
+        // It ends in good order, stopped; that it was killed is not counted twice.
+        second.ends(&store);
+        let third = Served::start(&store, profile, None);
+        assert_eq!(
+            records(&store, RecordKind::CellStopped).len(),
+            1,
+            "it is stopped still, and not once more"
+        );
+        third.ends(&store);
+    }
+}
+
+#[test]
+fn after_an_end_in_good_order_and_under_sim_the_cell_works_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path().join("store");
+    let mut killed = Served::start(&store, "sim", None);
+    killed.until("sequence");
+    killed.kill();
+    let mut works = Served::start(&store, "real", None);
+    works.until("sequence");
+    works.ends(&store);
+    let ended = records(&store, RecordKind::EngineEnded);
+    assert_eq!(ended.len(), 1);
+    assert_eq!(ended[0]["orderly"], true);
+    let mut again = Served::start(&store, "real", None);
+    again.until("sequence");
+    assert!(records(&store, RecordKind::CellStopped).is_empty());
+}
+
+/// With 40 file descriptors and 60 connections that said nothing, nobody was answered.
+#[test]
+fn a_stop_is_answered_where_all_file_descriptors_are_used_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = folder.path().join("store");
+    let mut served = Served::start(&store, "sim", Some(40));
+    served.until("sequence");
+    let path = socket_path(&Layout::new(&store));
+    let mut idle: Vec<UnixStream> = (0..60).map(|_| UnixStream::connect(&path).unwrap()).collect();
+    let begun = Instant::now();
+    let stopped = holdpoint(&store, &["stop", "--as", "ana", "--json"]);
+    let took = begun.elapsed();
+    let answer: Value =
+        serde_json::from_slice(&stopped.stdout).unwrap_or_else(|_| panic!("{}", said(&stopped)));
+    assert_eq!(
+        (answer["reply"].as_str(), answer["kept"].as_str()),
+        (Some("stopped"), Some("on-record")),
+        "{answer}"
+    );
+    println!("a stop beside {} idle connections was answered after {took:?}", idle.len());
+    assert!(took < PATIENCE);
+    // And those that gave way were told so, not left without a word.
+    idle[0].set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut heard = String::new();
+    idle[0].read_to_string(&mut heard).unwrap();
+    assert!(heard.contains("\"closed\""), "{heard}");
+    served.ends(&store);
+}
