@@ -37,6 +37,7 @@ mod passphrase;
 pub mod per_candidate;
 pub mod pool;
 pub mod profile;
+mod profile_on_record;
 pub mod proof;
 mod prune;
 pub mod recordings;

@@ -26,7 +26,7 @@ pub use passphrase::{PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, Pas
 pub use person::{
     PERSONS_MAX, Person, PersonAct, PersonActKind, PersonError, PersonState, Persons, SignedPersonAct,
 };
-pub use profile_act::{ProfileAct, SignedProfileAct};
+pub use profile_act::{ProfileAct, RulesChange, SignedProfileAct};
 pub use sealed::{Cost, SealedError, SealedKey};
 pub use shown::{AskedName, BoundFacts, ShownQuestion, facts_digest, lines_digest};
 pub use signed::{Approval, ApprovalError, Nonce, SignedApproval};

@@ -1,6 +1,7 @@
-//! An administrator's signed word that a store may be used under a looser profile than before.
+//! An administrator's signed authorization of a change of the profile that a store is used under.
 //!
-//! It is for one store and one end of its chain, so that it can be used once, at once, and nowhere else.
+//! It is for one store, one end of its chain and one change with the fields that get looser, so that it can be used once, at
+//! once, and nowhere else.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,10 +11,26 @@ use super::person::{PersonError, Persons};
 use super::signed::ApprovalError;
 use super::word::Word;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::loosened::Loosened;
 use holdpoint_governance::profile::ProfileName;
 
 /// Separates these bytes from everything else that is ever signed.
-const DOMAIN: &str = "holdpoint/profile-act/v1";
+const DOMAIN: &str = "holdpoint/profile-act/v2";
+/// As [`DOMAIN`], of acts of earlier versions, which authorized a class of profile and named no rules.
+const DOMAIN_OF_CLASS: &str = "holdpoint/profile-act/v1";
+
+/// The change of rules that is authorized. Fields stand in the order of their names.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RulesChange {
+    /// Digest of the rules in force; absent where there are none, or an earlier version did not put it on record.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Digest>,
+    /// The fields that get looser, as the administrator was shown them.
+    pub loosened: Vec<Loosened>,
+    /// Digest of the rules that come into force.
+    pub to: Digest,
+}
 
 /// What is signed of a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,13 +47,16 @@ pub struct ProfileAct {
     pub after: Digest,
     /// Whether the key that signs lay under a passphrase or elsewhere, as far as that could be seen.
     pub guarded: bool,
+    /// What changes; absent in acts of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rules: Option<RulesChange>,
 }
 
 impl ProfileAct {
     /// The digest that is signed: every field with its length, behind a domain tag.
     fn digest(&self) -> Digest {
-        let Self { profile, by, reason, store_id, after, guarded } = self;
-        let parts: [&[u8]; 6] = [
+        let Self { profile, by, reason, store_id, after, guarded, rules } = self;
+        let mut parts: Vec<&[u8]> = vec![
             store_id.as_bytes(),
             after.bytes(),
             profile.name().as_bytes(),
@@ -44,6 +64,14 @@ impl ProfileAct {
             reason.as_bytes(),
             if *guarded { b"guarded" } else { b"" },
         ];
+        let Some(RulesChange { from, loosened, to }) = rules else {
+            return Digest::of_parts(DOMAIN_OF_CLASS, &parts);
+        };
+        parts.push(from.as_ref().map_or(&[], |from| from.bytes().as_slice()));
+        parts.push(to.bytes());
+        for Loosened { before, field, now, shipped } in loosened {
+            parts.extend([field.as_bytes(), before.as_bytes(), shipped.as_bytes(), now.as_bytes()]);
+        }
         Digest::of_parts(DOMAIN, &parts)
     }
 }
@@ -64,7 +92,7 @@ impl SignedProfileAct {
     /// If the agent that holds the key signs nothing.
     pub fn by(
         who: &Identity,
-        profile: ProfileName,
+        (profile, rules): (ProfileName, RulesChange),
         (store_id, after): (&str, Digest),
         reason: &str,
     ) -> Result<Self, ApprovalError> {
@@ -75,6 +103,7 @@ impl SignedProfileAct {
             store_id: store_id.to_owned(),
             after,
             guarded: who.is_guarded(),
+            rules: Some(rules),
         };
         let signature = who.signature(&act.digest())?;
         Ok(Self { act, public_key: hex(who.info().public_key.as_bytes()), signature })

@@ -50,7 +50,7 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
             let here = HostConfig {
                 data: context.data.clone(),
                 profile: args.engine.profile(&context.data)?,
-                seed: args.engine.seed(),
+                seed: args.engine.seed(&context.data)?,
                 jobs: args.engine.spare_jobs(),
                 robot: args.engine.robot.clone(),
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),

@@ -43,7 +43,11 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Re
         let text = format!("{id} is not in the store {:?}", context.data);
         return Err(CliError::usage(text).with_hint("see `holdpoint registry list`"));
     };
-    out.answer(&explanation, |out| show(&explanation, out))?;
+    let missing = super::profile_on_record::missing(&views);
+    out.answer(&explanation, |out| {
+        show(&explanation, out)?;
+        missing.map_or(Ok(()), |why| out.paragraph("", &format!("profile: gate-profile-unauthorized: {why}")))
+    })?;
     Ok(Exit::Confirmed)
 }
 

@@ -1,15 +1,13 @@
-//! `holdpoint profile show | check | allow`: the numbers a profile holds candidates to and why, and an administrator's word that a
-//! store may be used under a looser one.
+//! `holdpoint profile show | check | allow`: the numbers a profile holds candidates to and why, and an administrator's
+//! authorization of a change of the profile that a store is used under.
 
 use std::path::PathBuf;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::chosen::{AskedProfile, AskedProfileParser, chosen, read};
-use super::data::database;
 use super::decide::{parse_identity, parse_reason};
 use super::output::Table;
 use super::passphrase;
@@ -17,13 +15,14 @@ use super::prune::{take_store, wall_ms};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_approvals::SignedProfileAct;
+use holdpoint_approvals::{RulesChange, SignedProfileAct};
 use holdpoint_engine::caller;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::loosened::{Loosened, Rules};
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
-use holdpoint_registry::{allow_profile, loosening_is_signed};
+use holdpoint_registry::allow_profile;
 use holdpoint_text::Untrusted;
 
 /// The arguments of `profile`.
@@ -59,14 +58,21 @@ Example:
         /// The profile file to check.
         file: PathBuf,
     },
-    /// Lets the next engine use the store under a looser profile than the last one, by an administrator's signed word.
+    /// Has an administrator sign that the next engine may use the store under a changed profile.
     #[command(after_help = "\
-A store that was used under `real` or `human` is not used under a looser
-profile by an option alone. The word is on record, and counts for the start
-right after it. No engine may have the store meanwhile. Where the store was
-used under `human` the administrator's key needs a passphrase.
+Under `real` and `human` no profile comes into force by an option alone where
+the store was used under another one, or where a field is looser than in the
+profile of that class that comes with the program. Shows the fields that get
+looser, then signs; the authorization is on record with them, and counts for
+the start right after it. No engine may have the store meanwhile. Where it is,
+or was, used under `human` the administrator's key needs a passphrase.
 
-Example:
+Without PROFILE it is the one that the store was last used under, as this
+program has it: an update of the program may change it.
+
+Examples:
+  holdpoint profile allow --by admin --reason 'version 0.2, read and tried'
+  holdpoint profile allow line-4.toml --by admin --reason 'a longer timeout'
   holdpoint profile allow sim --by admin --reason 'the cell is taken apart'")]
     Allow(AllowArgs),
 }
@@ -74,9 +80,9 @@ Example:
 /// The arguments of `profile allow`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct AllowArgs {
-    /// The class of profile: sim or real.
-    #[arg(value_name = "PROFILE", value_parser = profiles())]
-    profile: ProfileName,
+    /// The profile: one that comes with the program, one of the store's, or a file [default: the last one].
+    #[arg(value_name = "NAME|FILE", value_parser = AskedProfileParser, hide_possible_values = true)]
+    profile: Option<AskedProfile>,
     /// The administrator who signs.
     #[arg(long, value_name = "ADMIN", value_parser = parse_identity)]
     by: String,
@@ -139,46 +145,70 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Re
     Ok(Exit::Confirmed)
 }
 
-/// The profiles: which of them is looser depends on the last one.
-fn profiles() -> impl TypedValueParser<Value = ProfileName> {
-    PossibleValuesParser::new(ProfileName::ALL.map(ProfileName::name))
-        .try_map(|text| text.parse::<ProfileName>())
+/// An authorization that was put on record.
+#[derive(Serialize)]
+struct Allowed<'a> {
+    allowed: ProfileName,
+    site: Option<SiteName>,
+    by: &'a str,
+    from: Option<Digest>,
+    to: Digest,
+    loosened: &'a [Loosened],
 }
 
-/// Puts an administrator's word on record that a looser profile may be used next.
+/// Shows what gets looser under a profile, and puts an administrator's authorization of it on record.
 fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result<(), CliError> {
-    let profile = args.profile;
-    database(&context.data)?;
+    let (profile, table) = rules(&chosen(&context.data, args.profile.as_ref())?)?;
+    let (class, title) = (profile.name, titled(profile.name, profile.site.as_ref()));
     let store = take_store(&context.data)?;
-    let views = store.views().map_err(CliError::usage)?;
-    let last = views.context().map_err(CliError::usage)?.map(|(last, _, _)| last);
-    drop(views);
-    if !last.is_some_and(|last| loosening_is_signed(last, profile)) {
-        let last = last.map_or_else(
-            || "the store was not used yet".to_owned(),
-            |last| format!("the store was last used under {last}"),
-        );
-        return Err(CliError::usage(format!("{last}, and {profile} is no looser profile"))
-            .with_hint(format!("start with `--profile {profile}`: nobody has to sign for it")));
+    let course = &store.opening().profiles;
+    let rules = course.next(&Rules::of(&profile, &table).map_err(CliError::internal)?, false);
+    if !course.needs(class, &rules) {
+        return Err(CliError::usage(format!("the profile {title} takes no authorization here"))
+            .with_hint("start with it: `--profile` is enough"));
     }
     // A store of an earlier version gets its first administrator, as at a start.
     store.first_administrator(wall_ms()).map_err(CliError::usage)?;
     let views = store.views().map_err(CliError::usage)?;
     let (persons, head) = (views.persons().map_err(CliError::usage)?, views.head().map_err(CliError::usage)?);
     drop(views);
+    let change = course.change_to(&rules);
+    if !out.is_json() {
+        show_change(&title, &change, out)?;
+    }
     let signer = passphrase::unlock(passphrase::kept(context, &args.by)?, args.passphrase_file.as_deref())?;
     let end = (store.store_id(), head.hash);
-    let signed =
-        SignedProfileAct::by(&signer, profile, end, args.reason.raw()).map_err(CliError::internal)?;
-    signed.check(&persons, profile, head.hash).map_err(CliError::held)?;
-    if last == Some(ProfileName::Human) {
+    let signed = SignedProfileAct::by(&signer, (class, change.clone()), end, args.reason.raw())
+        .map_err(CliError::internal)?;
+    signed.check(&persons, class, head.hash).map_err(CliError::held)?;
+    if [Some(class), course.last().map(|last| last.class)].contains(&Some(ProfileName::Human)) {
         signed.check_guarded(&persons).map_err(CliError::held)?;
     }
     let asks = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;
-    allow_profile(&store, profile, (asks, signed), wall_ms()).map_err(CliError::usage)?;
-    out.answer(&json!({ "allowed": profile, "by": args.by }), |out| {
-        out.line(&format!("{profile} is allowed by {} for the start that is next", args.by))
+    allow_profile(&store, class, (asks, signed), wall_ms()).map_err(CliError::usage)?;
+    let RulesChange { from, loosened, to } = &change;
+    let (by, from, to) = (args.by.as_str(), *from, *to);
+    let allowed = Allowed { allowed: class, site: profile.site, by, from, to, loosened };
+    out.answer(&allowed, |out| {
+        out.line(&format!("the profile {title} is allowed by {by} for the start that is next"))
     })
+}
+
+/// What an administrator is about to sign.
+fn show_change(title: &str, change: &RulesChange, out: &mut Output<'_>) -> Result<(), CliError> {
+    let RulesChange { from, loosened, to } = change;
+    let from = from.map_or_else(|| "none on record".to_owned(), |from| from.to_string());
+    out.line(&format!("profile {title}, rules {to}, before {from}"))?;
+    if loosened.is_empty() {
+        return out.line("no field is looser");
+    }
+    out.line(&format!("looser: {}", loosened.len()))?;
+    let mut table = Table::new(&["field", "before", "shipped", "now"]);
+    for Loosened { before, field, now, shipped } in loosened {
+        table
+            .row([field, before, shipped, now].map(|text| Untrusted::new(text.clone()).line().into_string()));
+    }
+    out.table(&table)
 }
 
 fn rules(chosen: &ChosenProfile) -> Result<(Profile, PolicyTable), CliError> {

@@ -8,12 +8,14 @@ use clap::{Args, ValueEnum};
 use super::chosen::{AskedProfile, AskedProfileParser, chosen};
 use super::data;
 use super::kept::CacheKeyArgs;
+use super::profile_on_record;
 use crate::error::CliError;
 use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
 use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
 use holdpoint_console::options::CommandLineFlags;
+use holdpoint_engine::bound;
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
@@ -104,7 +106,7 @@ impl RunArgs {
 /// What an engine is started with, whoever its front end is.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct EngineArgs {
-    /// Same script and same seed give the same log [default: the scenario's, else 1].
+    /// Same script and same seed give the same log [default: the scenario's, else 1]; a store keeps the one it was begun with.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// The deployment profile: one that comes with the program, the name of one in the store's folder `profiles`, or
@@ -267,27 +269,39 @@ impl EngineArgs {
         self.jobs.map_or(0, usize::from)
     }
 
-    /// The seed of a run whose scenario names none.
-    #[must_use]
-    pub fn seed(&self) -> u64 {
-        self.seed.unwrap_or(SEED_DEFAULT)
+    /// The seed of an engine's life on the store in this folder: the one it was begun with.
+    ///
+    /// # Errors
+    /// If another one is asked for.
+    pub fn seed(&self, data: &Path) -> Result<u64, CliError> {
+        let Ok(views) = data::open(data) else { return Ok(self.seed.unwrap_or(SEED_DEFAULT)) };
+        let recorded = bound::seed(&views).map_err(CliError::usage)?;
+        let was_used = views.profiles().map_err(CliError::usage)?.was_used();
+        match (self.seed, recorded) {
+            (Some(asked), recorded) if was_used && recorded != Some(asked) => {
+                let allowed = recorded.map_or_else(|| SEED_DEFAULT.to_string(), |seed| seed.to_string());
+                let text =
+                    format!("--seed {asked} is not allowed: the store has a history with the seed {allowed}");
+                Err(CliError::usage(text).with_hint(
+                    "start without --seed, or choose another store with --data; a script may name any",
+                ))
+            }
+            (asked, recorded) => Ok(recorded.or(asked).unwrap_or(SEED_DEFAULT)),
+        }
     }
 
     /// The profile of a run without a scenario, on the store in this folder.
     ///
     /// # Errors
-    /// If there is none of that name, or what is in its files cannot be meant, or if it is looser than the last one and nobody
-    /// signed for it: before the terminal, a process or the store is touched.
+    /// If there is none of that name, or what is in its files cannot be meant, or if it takes an administrator's authorization that
+    /// nobody gave: before the terminal, a process or the store is touched.
     pub fn profile(&self, data: &Path) -> Result<ChosenProfile, CliError> {
         let chosen = chosen(data, self.profile.as_ref())?;
         // What cannot be read the engine tells that starts on it.
-        if self.profile.is_some()
-            && let (Ok(views), Ok((profile, _))) = (data::open(data), chosen.rules())
-            && let Err(error @ StoreError::LooserProfile { .. }) = views.may_follow(profile.name)
-        {
-            return Err(CliError::held(error));
+        match profile_on_record::may_begin(data, &chosen) {
+            Err(error @ StoreError::UnauthorizedProfile { .. }) => Err(CliError::held(error)),
+            Ok(_) | Err(_) => Ok(chosen),
         }
-        Ok(chosen)
     }
 }
 

@@ -149,8 +149,8 @@ impl Record {
             AlarmKey::SafeStopped(family) => self.is_in_control(family),
             AlarmKey::NotRecovered(family) => self.is_in_control(family) && works,
             AlarmKey::Unreviewed(version) => !self.is_unreviewed(version),
-            // Whoever ends the question or the rejection clears it.
-            AlarmKey::Approval(_) | AlarmKey::Rejected(_) => false,
+            // Whoever ends the question or the rejection clears it, and the start that is authorized.
+            AlarmKey::Approval(_) | AlarmKey::Rejected(_) | AlarmKey::ProfileUnauthorized => false,
             AlarmKey::CheckpointFailed => self.ledger().store().checkpoint_problem().is_none(),
             // An engine that holds does so until it comes up again.
             AlarmKey::EngineFault => self.holding().is_none(),

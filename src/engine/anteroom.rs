@@ -272,6 +272,7 @@ fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result
         signing: None,
         holding: None,
         stopped,
+        unauthorized: None,
         families,
         candidates: Vec::new(),
         prompts: Vec::new(),

@@ -5,9 +5,14 @@
 
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
+use holdpoint_governance::loosened::{Rules, is_at_risk, told};
 use holdpoint_governance::omitted::Omitted;
+use holdpoint_governance::own_profile::ProfileTexts;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, titled};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{AuditBody, Change, StoreError, Views};
+use holdpoint_registry::{AuditBody, Change, ContextRules, ProfileCourse, StoreError, Views};
+use holdpoint_text::Hint as _;
 
 use crate::bound_robot::BoundRobot;
 use crate::cell::COMPUTED_BY;
@@ -99,6 +104,47 @@ pub(crate) fn left_out(views: &Views) -> Result<Option<Omitted>, StoreError> {
     Ok(context_record(views)?.map(|context| context.omitted))
 }
 
+/// The seed of a run, as a store keeps it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RunSeed {
+    /// A script has its own.
+    OfScript,
+    /// The same in every life of an engine on the store.
+    OfStore(u64),
+}
+
+impl RunSeed {
+    const fn of_life(self) -> Option<u64> {
+        match self {
+            Self::OfScript => None,
+            Self::OfStore(seed) => Some(seed),
+        }
+    }
+
+    /// Whoever could choose the seed of each life would try candidates under one after another.
+    ///
+    /// # Errors
+    /// [`StoreError::Invalid`] if the store has another one.
+    pub(crate) fn check(self, recorded: Option<u64>) -> Result<(), StoreError> {
+        match (self.of_life(), recorded) {
+            (Some(asked), Some(recorded)) if asked != recorded => Err(StoreError::Invalid {
+                what: "--seed",
+                value: asked.to_string(),
+                allowed: format!("{recorded}, with which this store was begun: start without --seed"),
+            }),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The seed that a store was begun with; absent if nobody but a script has started on it, or an earlier version did.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn seed(views: &Views) -> Result<Option<u64>, StoreError> {
+    Ok(context_record(views)?.and_then(|context| context.seed))
+}
+
 /// What was voided at a start.
 pub(crate) struct VoidedNow {
     pub(crate) families: Vec<Family>,
@@ -127,22 +173,97 @@ fn what_changed(before: &ContextRecord, context: &Context) -> String {
     format!("another than before: {}; what was gathered under the former is void", changed.join(", "))
 }
 
+/// How a store is used from now on.
+pub(crate) enum ContextSet {
+    /// Under a context that is on record; with what was voided for it, if there was anything before.
+    InForce(Option<VoidedNow>),
+    /// No administrator authorized the profile as this program has it, and why they have to: nothing is written.
+    Unauthorized(String),
+}
+
+/// A profile that a store is to be used under.
+#[derive(Clone, Copy, Debug)]
+pub struct AskedRules<'a> {
+    pub profile: &'a Profile,
+    pub table: &'a PolicyTable,
+    /// The texts of a profile that does not come with the program.
+    pub own: Option<&'a ProfileTexts>,
+    /// Whether a script asks.
+    pub scripted: bool,
+}
+
+/// How a store may be used under a profile.
+#[derive(Debug)]
+pub enum Begin {
+    /// Under these rules.
+    Authorized(ContextRules),
+    /// It comes up and activates nothing, and why: the profile is the one on record, and another one by this program.
+    Unauthorized(String),
+}
+
+/// Whether a store may be used under a profile next. `last` is the last record of its chain.
+///
+/// # Errors
+/// [`StoreError::UnauthorizedProfile`] where it takes an administrator's authorization and has none; another one where what comes
+/// with the program does not parse.
+pub fn may_begin(
+    course: &ProfileCourse,
+    (before, last): (Option<&ContextRecord>, u64),
+    asked: AskedRules<'_>,
+) -> Result<Begin, StoreError> {
+    let AskedRules { profile, table, own, scripted } = asked;
+    let class = profile.name;
+    let rules = Rules::of(profile, table).map_err(|error| StoreError::Invalid {
+        what: "profile",
+        value: class.to_string(),
+        allowed: error.sentence(),
+    })?;
+    let rules = course.next(&rules, scripted);
+    let Err(problem) = course.check(last.saturating_add(1), class, &rules) else {
+        return Ok(Begin::Authorized(rules));
+    };
+    let is_as_on_record = course.last().is_some_and(|last| last.class == class)
+        && before.is_some_and(|before| before.own.as_ref() == own);
+    if scripted || !is_as_on_record {
+        let named = own.map_or_else(|| class.name().to_owned(), |texts| texts.file.clone());
+        return Err(StoreError::UnauthorizedProfile { named, problem });
+    }
+    let told = told(&rules.loosened);
+    Ok(Begin::Unauthorized(format!(
+        "no administrator authorized the profile {} as this program has it ({told}); nothing becomes active and the arm stands \
+         until one signs: end the engine, `holdpoint profile allow --by ADMIN --reason TEXT`, and start it again",
+        titled(class, profile.site.as_ref())
+    )))
+}
+
 /// Sets profile, policies and build in the store if they changed; what was gathered under others is void. Tells what
 /// was voided, if there was anything before.
 pub(crate) fn set_context(
     context: &Context,
     ledger: &mut Ledger,
     agent: Digest,
-    at_ms: u64,
-) -> Result<Option<VoidedNow>, Fault> {
+    (at_ms, seed): (u64, RunSeed),
+) -> Result<ContextSet, Fault> {
     let name = context.profile.name;
     let views = ledger.store().views()?;
     let known = views.context()?;
     let before = context_record(&views)?;
+    let end = views.head()?.seq;
     drop(views);
+    let course = &ledger.store().opening().profiles;
+    let scripted = matches!(seed, RunSeed::OfScript);
+    let asked =
+        AskedRules { profile: &context.profile, table: &context.table, own: context.own.as_ref(), scripted };
+    let rules = match may_begin(course, (before.as_ref(), end), asked)? {
+        Begin::Authorized(rules) => rules,
+        Begin::Unauthorized(why) => return Ok(ContextSet::Unauthorized(why)),
+    };
+    let recorded = before.as_ref().and_then(|before| before.seed);
+    // What a script gathered where robots or people are at risk counts for nobody else.
+    let left_by_a_script = course.scripted() && !scripted && is_at_risk(name);
     let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
-    if same {
-        return Ok(None);
+    if same && !left_by_a_script {
+        return Ok(ContextSet::InForce(None));
     }
     let reason = before.as_ref().map_or_else(
         || "a profile, policies and a robot are in force for the first time".to_owned(),
@@ -157,6 +278,7 @@ pub(crate) fn set_context(
         policy: context.table.digest,
         profile: context.profile_digest,
         robot: Some(BoundRobot::of(&context.cell)),
+        seed: recorded.or(seed.of_life()),
         site: context.profile.site.clone(),
     })?;
     // The context is the present one alone; what was in force before is read in the chain.
@@ -165,13 +287,14 @@ pub(crate) fn set_context(
         subject: site.to_string(),
         body: json.clone(),
     });
-    let change =
-        Change::SetContext { profile: name, policy_digest: context.digest, json, looser_by_word: true };
+    let rules = Some(Box::new(rules));
+    let change = Change::SetContext { profile: name, policy_digest: context.digest, json, rules };
     ledger.write(vec![change], loaded.into_iter().collect(), at_ms)?;
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
     for family in &families {
         let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
         ledger.transition(family, event, at_ms, Note::because(reason.clone()))?;
     }
-    Ok((before.is_some() && !families.is_empty()).then_some(VoidedNow { families, reason }))
+    let voided = before.is_some() && !families.is_empty();
+    Ok(ContextSet::InForce(voided.then_some(VoidedNow { families, reason })))
 }

@@ -37,6 +37,9 @@ pub struct ContextRecord {
     /// The robot that the store was made with; an earlier version names none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<BoundRobot>,
+    /// The seed of every life of an engine on the store; absent where only a script was, or an earlier version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// The profile's own name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<SiteName>,
@@ -61,6 +64,9 @@ pub struct Context {
     pub cell: Cell,
     /// What an experiment leaves out of the way; nothing, outside experiments.
     pub omitted: Omitted,
+    /// Why nothing may become active under it: no administrator authorized the profile as this program has it. Absent where one
+    /// did, or none has to.
+    pub unauthorized: Option<String>,
     seeds: SeedKey,
 }
 
@@ -78,7 +84,8 @@ impl Context {
         let profile_digest = profile.digest()?;
         let digest = digest(&profile_digest, &table.digest, &cell.digest());
         let (profile, table, seeds) = (Arc::new(profile), Arc::new(table), SeedKey::of_run(0));
-        Ok(Self { profile, profile_digest, table, own, digest, cell, omitted: Omitted::default(), seeds })
+        let (omitted, unauthorized) = (Omitted::default(), None);
+        Ok(Self { profile, profile_digest, table, own, digest, cell, omitted, unauthorized, seeds })
     }
 
     /// The same with these parts of the way left out. What is found so is bound to that: it counts nowhere else.

@@ -56,6 +56,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use crate::bound::RunSeed;
 use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
 use crate::door::DoorError;
@@ -295,6 +296,9 @@ impl Engine {
             return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
         }
         bound::check_pointers(&ledger.store().views()?, &given)?;
+        if !config.scripted {
+            RunSeed::OfStore(config.seed).check(bound::seed(&ledger.store().views()?)?)?;
+        }
         if let Some(parts) = bound::left_out(&ledger.store().views()?)?.filter(|parts| *parts != omitted) {
             let parts: Vec<&str> = parts.parts().into_iter().map(Part::name).collect();
             let parts = if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") };
@@ -313,9 +317,9 @@ impl Engine {
         };
         let pipeline = Pipeline::new(settings, ledger, clock, baselines).map_err(|fault| match fault {
             // Nobody failed: the store refuses the profile, or somebody writes to it besides.
-            Fault::Store(error @ (StoreError::LooserProfile { .. } | StoreError::Altered(_)))
+            Fault::Store(error @ (StoreError::UnauthorizedProfile { .. } | StoreError::Altered(_)))
             | Fault::Ledger(LedgerError::Store(
-                error @ (StoreError::LooserProfile { .. } | StoreError::Altered(_)),
+                error @ (StoreError::UnauthorizedProfile { .. } | StoreError::Altered(_)),
             )) => error.into(),
             fault => StartError::Fault(fault),
         })?;

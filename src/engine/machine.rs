@@ -20,6 +20,7 @@ use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state
 use tempfile::TempDir;
 
 use crate::ledger::{Ledger, LedgerError, Note, Origin};
+use crate::tests::context_change;
 
 /// The most versions of the family.
 const VERSIONS: u16 = 4;
@@ -251,12 +252,8 @@ impl StateMachineTest for Kept {
 
     fn init_test(_: &Model) -> Self {
         let mut kept = Self::open(folder(), 1);
-        let context = Change::SetContext {
-            profile: ProfileName::Sim,
-            policy_digest: Digest::of_parts("test", &[b"policy"]),
-            json: "{}".to_owned(),
-            looser_by_word: true,
-        };
+        let policy = Digest::of_parts("test", &[b"policy"]);
+        let context = context_change((ProfileName::Sim, policy, "{}".to_owned()));
         kept.ledger.write(vec![context], Vec::new(), 1).unwrap();
         let note = Note { cause: Some(ActiveCause::Bootstrap), ..Note::because("the first one") };
         kept.ledger.register((capability(0), Origin::default()), true, false, 1, note).unwrap();

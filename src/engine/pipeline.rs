@@ -30,7 +30,7 @@ use holdpoint_protocol::sink::Pictures;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_runtime::capability::Capability;
 
-use crate::bound;
+use crate::bound::{self, ContextSet, RunSeed};
 use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
 use crate::context::Context;
@@ -141,13 +141,21 @@ impl Pipeline {
     ) -> Result<Self, Fault> {
         let PipelineSettings { seed, jobs, profile, table, own, cell, cache, controls, omitted } = settings;
         let seeds = cache.seed_key(ledger.store(), clock.is_scripted().then_some(seed))?;
-        let context = Context::new(profile, table, own, cell)?.seeded(seeds).without(omitted);
+        let mut context = Context::new(profile, table, own, cell)?.seeded(seeds).without(omitted);
         let Controls { switch, cancel } = controls;
         let world = LiveWorld::new(context.cell.clone(), switch)?;
         ledger.begin_persons()?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
         ledger.bind_robot(&BoundRobot::of(&context.cell));
-        let voided = bound::set_context(&context, &mut ledger, agent, clock.now_ms())?;
+        let run_seed = if clock.is_scripted() { RunSeed::OfScript } else { RunSeed::OfStore(seed) };
+        let voided = match bound::set_context(&context, &mut ledger, agent, (clock.now_ms(), run_seed))? {
+            ContextSet::InForce(voided) => voided,
+            ContextSet::Unauthorized(why) => {
+                context.unauthorized = Some(why);
+                world.switch().latch();
+                None
+            }
+        };
         let mut pipeline = Self {
             world,
             agent,
@@ -177,9 +185,10 @@ impl Pipeline {
             pipeline.hold(&fault.held());
             return Ok(pipeline);
         }
+        pipeline.look_at_authorization();
         for baseline in baselines {
             let family = baseline.id().family;
-            if pipeline.record.ledger().family(&family).is_err() {
+            if pipeline.context.unauthorized.is_none() && pipeline.record.ledger().family(&family).is_err() {
                 pipeline.bootstrap(baseline)?;
             }
         }

@@ -11,8 +11,9 @@ use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Kappa;
 use holdpoint_governance::evidence::{EpisodeValues, StaleCause};
 use holdpoint_governance::gate::ShadowAssessment;
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
+use holdpoint_governance::loosened::Rules;
 use holdpoint_governance::outcome::{
     Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
@@ -23,7 +24,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopKept};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
-use holdpoint_registry::{AuditFilter, Change, Store, StoreError};
+use holdpoint_registry::{AuditFilter, Change, ProfileCourse, Store, StoreError};
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
@@ -31,7 +32,7 @@ use holdpoint_sim::robot::RobotModel;
 
 use crate::cell::Cell;
 use crate::ledger::{Ledger, Note};
-use crate::people::persons::{enrolled, loosened};
+use crate::people::persons::enrolled;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
@@ -58,8 +59,8 @@ pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()
 }
 
-fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
-    Engine::start(Config {
+fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
+    Config {
         data: folder,
         profile: ProfileName::Sim.into(),
         seed: CALIBRATION_FROM_RUN,
@@ -67,7 +68,27 @@ fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
         scripted: true,
         cell: Cell::new(RobotModel::builtin(robot).unwrap()).unwrap(),
         cache: EpisodeCache::InStore,
-    })
+    }
+}
+
+fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
+    Engine::start(config(folder, robot))
+}
+
+/// A script sets a context of a profile that comes with the program.
+pub(crate) fn context_change((profile, policy_digest, json): (ProfileName, Digest, String)) -> Change {
+    let built_in = Profile::builtin(profile).unwrap();
+    let rules = Rules::of(&built_in, &PolicyTable::builtin(&built_in).unwrap()).unwrap();
+    let rules = Some(Box::new(ProfileCourse::default().next(&rules, true)));
+    Change::SetContext { profile, policy_digest, json, rules }
+}
+
+/// Puts a change into a store, which is closed then.
+fn committed(store: Store, change: Change) {
+    let at_ms = store.opening().head.at_ms;
+    let (command_id, audit) = ("test".to_owned(), Vec::new());
+    let changes = vec![change];
+    store.commit(holdpoint_registry::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
 }
 
 pub(crate) fn accepted(reply: &Reply) {
@@ -119,17 +140,8 @@ fn a_pointer_of_another_robot_is_refused_whatever_the_context_says() {
     let (profile, policy_digest, json) = store.views().unwrap().context().unwrap().unwrap();
     let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
     context.as_object_mut().unwrap().remove("robot").unwrap();
-    let change =
-        Change::SetContext { profile, policy_digest, json: context.to_string(), looser_by_word: true };
-    let transaction = holdpoint_registry::Transaction {
-        command_id: "test".to_owned(),
-        at_ms: store.opening().head.at_ms,
-        wall_ms: 0,
-        changes: vec![change],
-        audit: Vec::new(),
-    };
-    store.commit(transaction).unwrap();
-    drop(store);
+    let change = context_change((profile, policy_digest, context.to_string()));
+    committed(store, change);
     let refused = engine(folder.path(), "arm6").err().unwrap();
     assert!(refused.to_string().contains("made active with the robot"), "{refused}");
     assert!(refused.hint().unwrap().contains("says nothing of another"), "{:?}", refused.hint());
@@ -168,19 +180,8 @@ fn another_agent_holds() {
     let (profile, policy_digest, json) = store.views().unwrap().context().unwrap().unwrap();
     let mut context: serde_json::Value = serde_json::from_str(&json).unwrap();
     context["agent"] = serde_json::json!(Agent::called("another").identity_hash());
-    let change =
-        Change::SetContext { profile, policy_digest, json: context.to_string(), looser_by_word: true };
-    let at_ms = store.opening().head.at_ms;
-    store
-        .commit(holdpoint_registry::Transaction {
-            command_id: "test".to_owned(),
-            at_ms,
-            wall_ms: 0,
-            changes: vec![change],
-            audit: Vec::new(),
-        })
-        .unwrap();
-    drop(store);
+    let change = context_change((profile, policy_digest, context.to_string()));
+    committed(store, change);
     let second = pipeline(folder.path(), ProfileName::Sim);
     assert!(second.record().holding().is_some_and(|why| why.contains("the agent is not the one")));
 }
@@ -331,18 +332,8 @@ fn a_context_that_cannot_be_read_is_an_error_and_nothing_is_bound_anew() {
     drop(engine(folder.path(), "arm7").unwrap());
     let store = Store::open(folder.path()).unwrap();
     let (profile, policy_digest, _) = store.views().unwrap().context().unwrap().unwrap();
-    let change =
-        Change::SetContext { profile, policy_digest, json: "{\"robot\":7}".to_owned(), looser_by_word: true };
-    let at_ms = store.opening().head.at_ms;
-    let transaction = holdpoint_registry::Transaction {
-        command_id: "test".to_owned(),
-        at_ms,
-        wall_ms: 0,
-        changes: vec![change],
-        audit: Vec::new(),
-    };
-    store.commit(transaction).unwrap();
-    drop(store);
+    let change = context_change((profile, policy_digest, "{\"robot\":7}".to_owned()));
+    committed(store, change);
     let error = engine(folder.path(), "arm6").err().unwrap().to_string();
     assert!(error.contains("context record") && error.contains("robot"), "{error}");
     let kept = Store::open(folder.path()).unwrap().views().unwrap().context().unwrap().unwrap().2;
@@ -385,17 +376,14 @@ fn what_is_stale_is_told_and_shown_with_its_cause() {
     assert_eq!(view["stale"], serde_json::json!(["profile"]));
     let line = second.snapshot().candidates.remove(0).stale_line();
     assert_eq!(line.as_deref(), Some("STALE, measured under another profile"));
-    // To a looser profile than people's it goes by an administrator's word alone; without one nothing is changed.
+    // What a script left where people decide is no other engine's to change.
     drop(second);
     let head = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = head();
-    let refused = engine(folder.path(), "arm7").err().unwrap();
-    assert!(
-        matches!(refused, StartError::Store(StoreError::LooserProfile { last: ProfileName::Human, .. })),
-        "{refused}"
-    );
+    let live = Config { scripted: false, ..config(folder.path(), "arm7") };
+    let refused = Engine::start(live).err().unwrap();
+    assert!(matches!(refused, StartError::Store(StoreError::UnauthorizedProfile { .. })), "{refused}");
     assert_eq!(head(), before, "nothing was written");
-    loosened(folder.path(), ProfileName::Sim);
     // Back under what it was measured under it counts again.
     assert_eq!(stale(&pipeline(folder.path(), ProfileName::Sim)), []);
     // Another active version is another comparison.

@@ -206,6 +206,8 @@ pub struct GateInput<'a> {
     pub unmet: &'a [String],
     /// A break-glass review of the family is open.
     pub review_open: bool,
+    /// Whether the profile is in force as this program has it: an administrator authorized it, or nobody has to.
+    pub profile_authorized: bool,
     /// Virtual time of the decision, s; freeze windows and approvals are held against it.
     pub now_s: f64,
     /// The candidate's row version at the decision; the pass holds for no other.
@@ -450,6 +452,10 @@ impl GateFindings {
         if input.review_open {
             let text = "a review after an emergency approval is open";
             self.hold.push(reason(ReasonCode::GateReviewOpen, text));
+        }
+        if !input.profile_authorized {
+            let text = "no administrator authorized the profile as this program has it";
+            self.hold.push(reason(ReasonCode::GateProfileUnauthorized, text));
         }
         if let Some(why) = profile.frozen_at(input.now_s) {
             self.hold.push(reason(ReasonCode::GateFrozen, format!("change is frozen: {why}")));

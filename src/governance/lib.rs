@@ -223,6 +223,7 @@ pub mod interface;
 pub mod kappa;
 pub mod kept;
 pub mod lifecycle;
+pub mod loosened;
 pub mod manifest;
 pub mod metrics;
 pub mod mode;

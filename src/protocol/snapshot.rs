@@ -62,6 +62,10 @@ pub struct Snapshot {
     pub holding: Option<String>,
     /// Who stopped the cell, and since when; absent while it works.
     pub stopped: Option<StoppedView>,
+    /// Why nothing becomes active and the arm stands: no administrator authorized the profile as this program has it. Absent
+    /// where one did, or none has to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unauthorized: Option<String>,
     /// Every family in the store, sorted by name.
     pub families: Vec<FamilyView>,
     /// Every version that is not history, the newest last.

@@ -15,6 +15,7 @@ use super::columns::parsed;
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold};
 use super::invariants;
+use super::loosened::ProfileCourse;
 use super::names::{EvidenceKind, is_own};
 use super::rows::{RowName, row_digest, rows_of};
 use super::witness::{self, WITNESSES_MAX};
@@ -399,11 +400,11 @@ impl Applier<'_> {
             Change::ConsumeApproval { nonce, evidence_digest } => {
                 self.consume_approval(nonce, *evidence_digest)
             }
-            Change::SetContext { profile, policy_digest, json, looser_by_word } => {
-                if !looser_by_word {
-                    return Err(StoreError::invalid("looser_by_word of a context", looser_by_word, "true"));
-                }
-                self.check_profile(*profile)?;
+            Change::SetContext { profile, policy_digest, json, rules } => {
+                let Some(rules) = rules else {
+                    return Err(StoreError::invalid("rules of a context", "none", "those of its profile"));
+                };
+                self.check_profile(*profile, rules)?;
                 self.write_context(*profile, *policy_digest, json)
             }
             Change::AllowProfile { profile, by, act } => {
@@ -430,6 +431,11 @@ impl Applier<'_> {
                 self.alarm(alarm, subject, (*state, *priority), json)
             }
         }
+    }
+
+    /// How the profiles of the store followed each other before this transaction.
+    pub(super) const fn course(&self) -> &ProfileCourse {
+        self.fold.profiles()
     }
 
     /// State and row version of a version that must be there.

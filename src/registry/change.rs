@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::StoreError;
+use super::loosened::ContextRules;
 use super::names::{EvidenceKind, RequestState};
 use holdpoint_approvals::{
     Nonce, PersonActKind, SignedApproval, SignedPersonAct, SignedProfileAct, SignedWitnessAct,
@@ -239,19 +240,19 @@ pub enum Change {
         /// Digest of the evidence as it stands now; must be what was approved.
         evidence_digest: Digest,
     },
-    /// The profile, policy or thresholds change; voids everything made under the old ones. Checked: that a looser profile
-    /// follows an [`Change::AllowProfile`] at once.
+    /// The profile, policy or thresholds change; voids everything made under the old ones. Checked: that a change that
+    /// takes an authorization follows an [`Change::AllowProfile`] of it at once.
     SetContext {
         profile: ProfileName,
         /// Digest of profile, policy set and thresholds together.
         policy_digest: Digest,
         /// What it consists of, JSON text.
         json: String,
-        /// Whether a looser profile takes an administrator's word here. Earlier versions asked for none.
-        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-        looser_by_word: bool,
+        /// What it demands, and what of that is looser. Records of earlier versions have none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        rules: Option<Box<ContextRules>>,
     },
-    /// The store may be used under a looser profile next. Checked: that an administrator who is enrolled signed it over this
+    /// The store may be used under another profile next. Checked: that an administrator who is enrolled signed it over this
     /// end of the chain; it is used up by whatever is on record next.
     AllowProfile {
         profile: ProfileName,

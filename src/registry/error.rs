@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use super::row_limit::ROW_BYTES_MAX;
 use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::profile::ProfileName;
 use holdpoint_text::Hint;
 
 /// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed if one is returned,
@@ -76,12 +75,13 @@ pub enum StoreError {
         /// Digest of the robot it was to be activated with.
         given: String,
     },
-    /// A looser profile than the last one, and no administrator's word right before it.
-    #[error(
-        "the store was last used under the profile {last}, and {next} is a looser one; its last record is no administrator's word \
-         that it may"
-    )]
-    LooserProfile { last: ProfileName, next: ProfileName },
+    /// A profile that takes an administrator's authorization, and none right before it.
+    #[error("the profile {named} is not authorized: {problem}")]
+    UnauthorizedProfile {
+        /// What `holdpoint profile allow` calls it.
+        named: String,
+        problem: String,
+    },
     /// Somebody else wrote to the database of a running engine. Nothing is written over it.
     #[error("the store was changed behind the engine: {0}")]
     Altered(String),
@@ -146,19 +146,14 @@ impl Hint for StoreError {
                  one robot says nothing of another"
                     .into(),
             ),
-            Self::LooserProfile { last, next } => {
-                let guarded = match last {
-                    ProfileName::Human => " with a key that has a passphrase (`holdpoint identity passphrase ADMIN` sets one)",
-                    ProfileName::Sim | ProfileName::Real => "",
-                };
-                Some(
-                    format!(
-                        "an administrator signs for it{guarded}: `holdpoint profile allow {next} --by ADMIN --reason TEXT`, and \
-                         the start right after it may use {next}"
-                    )
-                    .into(),
+            Self::UnauthorizedProfile { named, .. } => Some(
+                format!(
+                    "`holdpoint profile allow {named} --by ADMIN --reason TEXT` shows what is looser and has an administrator sign \
+                     it, for the start right after it; under human their key needs a passphrase (`holdpoint identity passphrase \
+                     ADMIN`)"
                 )
-            }
+                .into(),
+            ),
             Self::Io { .. }
             | Self::Sqlite { .. }
             | Self::RowTooLong { .. }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::approve::ApprovalOnRecord;
+use super::loosened::ContextRules;
 use super::lost::RebuiltChange;
 use holdpoint_approvals::{SignedPersonAct, SignedProfileAct, SignedWitnessAct};
 use holdpoint_governance::ids::{Digest, canonical_json};
@@ -45,7 +46,7 @@ pub(super) struct WitnessOnRecord {
     pub(super) act: Option<Box<SignedWitnessAct>>,
 }
 
-/// A looser profile that was allowed.
+/// A change of profile that was authorized.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ProfileOnRecord {
@@ -67,6 +68,9 @@ pub(super) struct ContextOnRecord {
     pub(super) looser_by_word: bool,
     policy_digest: Digest,
     pub(super) profile: ProfileName,
+    /// What it demands, which earlier versions did not put into the record.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) rules: Option<ContextRules>,
 }
 
 /// A body of a record that the store writes itself.

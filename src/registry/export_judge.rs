@@ -12,7 +12,7 @@ use super::copies::HEADS_MAX;
 use super::export_body::{self, ProfileOnRecord, Said};
 use super::export_line::{ExportHeader, ExportLine};
 use super::fold::START;
-use super::loosened::Course;
+use super::loosened::ProfileCourse;
 use super::merkle::Frontier;
 use super::shown::ShownOnRecords;
 use super::unsound::VerifyError;
@@ -46,7 +46,7 @@ pub(super) struct Exported {
     lost: BTreeSet<String>,
     pub(super) approvals: Vec<SignedApproval>,
     pub(super) persons: Persons,
-    course: Course,
+    course: ProfileCourse,
     shown: ShownOnRecords,
 }
 
@@ -78,7 +78,7 @@ impl Exported {
             put: BTreeMap::new(),
             lost: BTreeSet::new(),
             approvals: Vec::new(),
-            course: Course::default(),
+            course: ProfileCourse::default(),
             shown: ShownOnRecords::default(),
         }
     }
@@ -150,12 +150,12 @@ impl Exported {
             Said::Profile(ProfileOnRecord { profile, act, .. }) => {
                 let judged = act.judge(&self.persons, profile, record.prev);
                 judged
-                    .and_then(|()| guarded(&act, &self.persons, self.course.last()))
+                    .and_then(|()| guarded(&act, &self.persons, self.course.last().map(|last| last.class)))
                     .map_err(|error| bad_word(&act.act().by, &error))?;
-                self.course.allow(seq, profile);
+                self.course.allow(seq, profile, act.act().rules.clone());
             }
             Said::Context(set) => {
-                let set = self.course.set(seq, set.profile, set.looser_by_word);
+                let set = self.course.set(seq, set.profile, set.looser_by_word, set.rules);
                 set.map_err(|problem| bad(&problem))?;
             }
             Said::Lost(nonces) => self.lost.extend(nonces),

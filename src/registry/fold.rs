@@ -10,6 +10,7 @@ use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::audit::{self, Head, head};
+use super::loosened::ProfileCourse;
 use super::merkle::Frontier;
 use super::names::is_own;
 use super::rows::{ChainedTable, RowName};
@@ -98,6 +99,7 @@ pub(crate) struct FoldParts<'a> {
     pub(crate) tree: &'a Frontier,
     pub(crate) witnesses: &'a BTreeSet<String>,
     pub(crate) cell: CellStop,
+    pub(crate) profiles: &'a ProfileCourse,
 }
 
 /// What the chain says.
@@ -123,6 +125,7 @@ pub(crate) struct Fold {
     tree: Frontier,
     /// Folders that get every checkpoint.
     witnesses: BTreeSet<String>,
+    profiles: ProfileCourse,
     /// Sizes of the tree whose roots are wanted, and those roots.
     noted: BTreeSet<u64>,
     roots: BTreeMap<u64, Digest>,
@@ -211,6 +214,7 @@ impl Fold {
             hashes: Vec::new(),
             tree: Frontier::empty(),
             witnesses: BTreeSet::new(),
+            profiles: ProfileCourse::default(),
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
             indexes: None,
@@ -368,6 +372,7 @@ impl Fold {
             tree: &self.tree,
             witnesses: &self.witnesses,
             cell: self.cell,
+            profiles: &self.profiles,
         }
     }
 
@@ -378,6 +383,7 @@ impl Fold {
         states: BTreeMap<String, (State, u64)>,
         order: Vec<String>,
         (telemetry, tree, witnesses, cell): (TelemetryAccount, Frontier, BTreeSet<String>, CellStop),
+        profiles: ProfileCourse,
     ) -> Self {
         Self {
             end,
@@ -389,6 +395,7 @@ impl Fold {
             hashes: Vec::new(),
             tree,
             witnesses,
+            profiles,
             noted: BTreeSet::new(),
             roots: BTreeMap::new(),
             indexes: None,
@@ -398,6 +405,11 @@ impl Fold {
             batches: Vec::new(),
             telemetry,
         }
+    }
+
+    /// How the profiles followed each other.
+    pub(crate) const fn profiles(&self) -> &ProfileCourse {
+        &self.profiles
     }
 
     /// What it says of the cell's stop.
@@ -510,6 +522,17 @@ impl Fold {
                 } else {
                     self.witnesses.remove(&set.folder);
                 }
+                rows
+            }
+            RecordKind::ProfileAllowed => {
+                let RecordBody { change, rows } = body(seq, text)?;
+                self.profiles.allow_on_record(seq, change);
+                rows
+            }
+            RecordKind::ContextSet => {
+                let RecordBody { change, rows } = body(seq, text)?;
+                // One that was not authorized is in force all the same, and authorized for nobody; a verifier says so.
+                drop(self.profiles.take(seq, change));
                 rows
             }
             RecordKind::TelemetrySealed => {

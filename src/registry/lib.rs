@@ -88,7 +88,7 @@ pub use info::{Looked, StoreInfo, check_store, store_info};
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use kept::{Found, KeptCells, KeptSecret};
 pub use layout::{Layout, lock_owner, size, utc};
-pub use loosened::{allow_profile, loosening_is_signed};
+pub use loosened::{ContextRules, ProfileCourse, allow_profile};
 pub use lost::{DifferingRow, Rebuilt};
 pub use proof::{Proof, ProofError, ProvedRecord, kept_head, prove_consistency, prove_record};
 pub use rebuild::{UnsignedRecords, rebuild};

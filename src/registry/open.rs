@@ -31,7 +31,7 @@ pub(crate) const HINT_REBUILD: &str = "`holdpoint store rebuild --from-chain` ma
 pub(crate) const HINT_UNSIGNED: &str = "put the missing files back from a backup; without one, `holdpoint store rebuild --from-chain` goes on without them, on record, and names the records that nobody signed";
 /// What helps where a rebuild would take records that nobody signed.
 pub(crate) const HINT_TAKE_UNSIGNED: &str = "whoever can write the folder can have written them: restore a backup, or look at them with `holdpoint audit list` and take them, on record, with --take-unsigned";
-/// What helps where one of them goes over to a looser profile.
+/// What helps where one of them changes a profile without an authorization.
 pub(crate) const HINT_UNSAID: &str = "whoever can write the folder can have written it, and nobody may take it: put the store back from a backup";
 /// What helps where somebody else has a newer head of the chain, or another one.
 const HINT_WITNESS: &str = "put the newer store back; if its records are lost for good, move the witness's files of this store elsewhere and start again";

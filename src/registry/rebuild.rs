@@ -28,7 +28,7 @@ use super::compare::{compare, differing};
 use super::error::StoreError;
 use super::fold::Fold;
 use super::layout::{EngineLock, Layout, sync_folder};
-use super::loosened::first_unsaid;
+use super::loosened::first_unauthorized;
 use super::lost::{DifferingRow, Rebuilt, RebuiltChange, lost_mark, text_of};
 use super::merkle::Frontier;
 use super::migrate::STORE;
@@ -113,10 +113,10 @@ pub fn rebuild(
         Err(StoreError::Refused { problem, .. }) => problem,
         Err(error) => return Err(error),
     };
-    // Nobody is got to take a looser profile beside what an administrator has to sign.
+    // Nobody is got to take a profile beside what an administrator has to sign.
     let reading = StoreError::sql("read the words on profiles");
     let signed = fold.end().seq.saturating_sub(unsigned);
-    if let Some((seq, problem)) = first_unsaid(&damaged_store, signed).map_err(reading)? {
+    if let Some((seq, problem)) = first_unauthorized(&damaged_store, signed).map_err(reading)? {
         let problem = format!("nobody signed the record {seq}, and {problem}");
         return Err(StoreError::Refused { path: database, problem, hint: HINT_UNSAID });
     }

@@ -88,7 +88,7 @@ impl Applier<'_> {
             }
             // They write no row.
             Change::SetWitness { .. } | Change::AllowProfile { .. } => return Ok(()),
-            // Earlier versions asked for no word on a looser profile.
+            // What was authorized when it was written is not asked again.
             Change::SetContext { profile, policy_digest, json, .. } => {
                 self.write_context(*profile, *policy_digest, json)
             }

@@ -20,6 +20,7 @@ use super::checkpoint::{self, Checkpoint};
 use super::error::StoreError;
 use super::fold::{CellStop, Fold, FoldParts, Vouched};
 use super::layout::write_atomically;
+use super::loosened::ProfileCourse;
 use super::merkle::Frontier;
 use super::rows::ChainedTable;
 use super::seals::TelemetryAccount;
@@ -28,7 +29,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_text::file::{NO_LINK, regular};
 
 /// Domain tag of a snapshot's digest.
-const DOMAIN: &str = "holdpoint/fold-snapshot/v3";
+const DOMAIN: &str = "holdpoint/fold-snapshot/v4";
 /// Records between two snapshots; a chain that is shorter is read as a whole.
 pub(crate) const EVERY_RECORDS: u64 = 32_768;
 /// The largest snapshot that is written or read, bytes.
@@ -52,6 +53,7 @@ struct File {
     tree: Frontier,
     witnesses: BTreeSet<String>,
     cell: CellStop,
+    profiles: ProfileCourse,
 }
 
 /// Writes a snapshot and removes the earlier ones. Tells its digest, which a checkpoint has to cover; `None` if it
@@ -60,7 +62,7 @@ struct File {
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreError> {
-    let FoldParts { end, rows, states, order, telemetry, tree, witnesses, cell } = fold.parts();
+    let FoldParts { end, rows, states, order, telemetry, tree, witnesses, cell, profiles } = fold.parts();
     let file = File {
         seq: end.seq,
         hash: end.hash,
@@ -75,6 +77,7 @@ pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreE
         tree: tree.clone(),
         witnesses: witnesses.clone(),
         cell,
+        profiles: profiles.clone(),
     };
     let bytes =
         serde_json::to_vec(&file).map_err(|error| StoreError::invalid("fold snapshot", end.seq, error))?;
@@ -127,6 +130,7 @@ pub(crate) fn read(
         states,
         file.order,
         (file.telemetry, file.tree, file.witnesses, file.cell),
+        file.profiles,
     ))
 }
 

@@ -24,6 +24,7 @@ use super::error::StoreError;
 use super::fold::{Fold, ReadingWatch};
 use super::kept::{KeptCells, KeptSecret};
 use super::layout::{EngineLock, Layout};
+use super::loosened::ProfileCourse;
 use super::migrate::STORE;
 use super::open::{Durability, FileId, WrittenHere, damaged, file_id, open_reader, open_writer};
 use super::recovery::{Interrupted, interrupted};
@@ -52,6 +53,8 @@ pub struct Opening {
     pub interrupted: Vec<Interrupted>,
     /// What became of telemetry meanwhile, for this engine to put on record.
     pub telemetry: FoundTelemetry,
+    /// How the profiles followed each other, by the chain.
+    pub profiles: ProfileCourse,
 }
 
 /// What the writer is asked for.
@@ -128,7 +131,7 @@ impl Store {
         let (telemetry, found) = open_telemetry((&layout, limits), &connection, &fold)?;
         let telemetry = Arc::new(Mutex::new(telemetry));
         let cells = KeptCells::in_table(Arc::clone(&telemetry), KeptSecret::of_store(&key)?);
-        let public_key = key.verifying_key();
+        let (public_key, profiles) = (key.verifying_key(), fold.profiles().clone());
         let link = sign_on(&connection, &layout, (&store_id, &fold), &key)?;
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
         let checkpoint_problem = Arc::new(Mutex::new(None));
@@ -170,7 +173,7 @@ impl Store {
             layout,
             store_id,
             public_key,
-            opening: Opening { created, head, interrupted, telemetry: found },
+            opening: Opening { created, head, interrupted, telemetry: found, profiles },
             _lock: lock,
         })
     }

@@ -1,10 +1,10 @@
-//! Administrators' signed words on record, looked at again: on witnesses, and on looser profiles, which have one each.
+//! Administrators' signed words on record, looked at again: on witnesses, and on changes of profile that take one.
 
 use rusqlite::Connection;
 use serde::Deserialize;
 
 use super::change::Change;
-use super::loosened::{Course, OnRecord};
+use super::loosened::{OnRecord, ProfileCourse};
 use super::unsound::VerifyError;
 use holdpoint_approvals::{Person, PersonError, Persons, SignedProfileAct};
 use holdpoint_governance::ids::Digest;
@@ -18,7 +18,7 @@ struct WordOnRecord {
 }
 
 /// Looks at every signed word again: whose it is, that they were an administrator then, and that their key was guarded where
-/// people decided; and that every looser profile has one. Tells what is bad.
+/// people decided; and that every change of profile that takes one has one. Tells what is bad.
 ///
 /// # Errors
 /// If the store cannot be read.
@@ -30,13 +30,13 @@ pub(crate) fn check_words(
     let mut select = connection
         .prepare("SELECT seq, prev, body, kind FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
     let mut rows = select.query(kinds.map(RecordKind::name))?;
-    let mut course = Course::default();
+    let mut course = ProfileCourse::default();
     while let Some(row) = rows.next()? {
         let (seq, prev, body): (u64, [u8; 32], String) = (row.get(0)?, row.get(1)?, row.get(2)?);
         let bad = |problem: String| Ok(Err(VerifyError::Record { seq, problem }));
         if row.get::<_, String>(3)? == RecordKind::ContextSet.name() {
             let set = serde_json::from_str::<OnRecord>(&body).map_err(|error| error.to_string());
-            match set.and_then(|set| course.take(seq, &set)) {
+            match set.and_then(|set| course.take(seq, set.change)) {
                 Ok(()) => continue,
                 Err(problem) => return bad(problem),
             }
@@ -63,8 +63,8 @@ pub(crate) fn check_words(
                 act.judge(&then, (folder, *present), after)
             }
             Change::AllowProfile { act, profile, .. } => {
-                let last = course.last();
-                course.allow(seq, *profile);
+                let last = course.last().map(|last| last.class);
+                course.allow(seq, *profile, act.act().rules.clone());
                 act.judge(&then, *profile, after).and_then(|()| guarded(act, &then, last))
             }
             _ => continue,
@@ -77,14 +77,13 @@ pub(crate) fn check_words(
     Ok(Ok(()))
 }
 
-/// Where people decided the word is one that only the administrator could have given.
+/// Where people decide, before or after it, the word is one that only the administrator could have given.
 pub(crate) fn guarded(
     act: &SignedProfileAct,
     persons: &Persons,
     last: Option<ProfileName>,
 ) -> Result<(), PersonError> {
-    match last {
-        Some(ProfileName::Human) => act.check_guarded(persons),
-        Some(ProfileName::Sim | ProfileName::Real) | None => Ok(()),
-    }
+    // Earlier versions looked at the profile in force alone.
+    let next = act.act().rules.as_ref().map(|_| act.act().profile);
+    if [last, next].contains(&Some(ProfileName::Human)) { act.check_guarded(persons) } else { Ok(()) }
 }

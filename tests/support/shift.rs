@@ -353,6 +353,7 @@ pub fn snapshot() -> Snapshot {
         reading: None,
         holding: None,
         stopped: None,
+        unauthorized: None,
         families: families(),
         candidates: candidates(),
         prompts: vec![question(2)],

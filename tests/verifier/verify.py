@@ -189,8 +189,11 @@ class Persons:
     def __init__(self, store_id):
         self.store_id, self.follows = text(store_id), digest("holdpoint/persons/v1", text(store_id))
         self.keys, self.roles, self.revoked, self.confirmed = {}, {}, set(), set()
-        # The profile in force; the last word on one, its record and what it allows; whether words were asked for yet.
-        self.profile, self.allowed, self.asked = None, None, False
+        # The profile in force and its rules; the rules that an administrator authorized and that are in force since; the last
+        # authorization, its record and what it is for; whether authorizations of a class, or of rules, were asked for yet;
+        # whether anybody but a script used the store where robots or people are at risk.
+        self.profile, self.rules, self.authorized, self.allowed = None, None, None, None
+        self.asked, self.ruled, self.was_live = False, False, False
 
     def take(self, record, change):
         """Takes an act: signed by an administrator who is enrolled, following from the act before."""
@@ -273,33 +276,77 @@ class Persons:
         self.take_word(record, said, "holdpoint/witness-act/v1", about, told)
 
     def take_profile(self, record, change):
-        """Looks at an administrator's word on a looser profile."""
+        """Looks at an administrator's authorization of a change of profile."""
         fields(change, "act", "by", "change", "profile")
         word(change["change"], ["allow-profile"])
         text(change["by"]), word(change["profile"], PROFILES)
         said = fields(change["act"], "act", "public_key", "signature")
-        act = fields(said["act"], "after", "by", "guarded", "profile", "reason", "store_id")
+        act = fields(said["act"], "after", "by", "guarded", "profile", "reason", "rules?", "store_id")
         told = word(act["profile"], PROFILES) == change["profile"]
-        self.take_word(record, said, "holdpoint/profile-act/v1", [text(act["profile"])], told)
-        if self.profile == "human" and not (act["guarded"] and act["by"] in self.confirmed):
-            raise Bad("person", act["by"], "where people decided the key that signed has to be guarded")
-        self.allowed, self.asked = (record["seq"], change["profile"]), True
+        about, domain, after, human = [text(act["profile"])], "holdpoint/profile-act/v1", [], [self.profile]
+        rules = set_field(act, "rules", None)
+        if rules is not None:
+            fields(rules, "from?", "loosened", "to")
+            before = set_field(rules, "from", None)
+            domain, human = "holdpoint/profile-act/v2", [self.profile, act["profile"]]
+            after = [digits(before, 32) if before is not None else b"", digits(rules["to"], 32)]
+            after += loosened_of(rules["loosened"])
+        self.take_word(record, said, domain, about, told, after)
+        if "human" in human and not (act["guarded"] and act["by"] in self.confirmed):
+            raise Bad("person", act["by"], "where people decide the key that signed has to be guarded")
+        self.allowed, self.asked = (record["seq"], change["profile"], rules), True
 
     def take_context(self, record, change):
-        """Takes a profile that comes into force; a looser one has an administrator's word right before it."""
-        fields(change, "change", "json?", "looser_by_word?", "policy_digest", "profile")
+        """Takes a profile that comes into force; a change that takes one has an administrator's authorization right before it."""
+        fields(change, "change", "json?", "looser_by_word?", "policy_digest", "profile", "rules?")
         word(change["change"], ["set-context"])
         if "json" in change:
             text(change["json"])
         digits(change["policy_digest"], 32), word(change["profile"], PROFILES)
-        last, self.profile = self.profile, change["profile"]
-        # What earlier versions wrote counts until the first record of one that asks for words.
-        self.asked |= truth(set_field(change, "looser_by_word", False))
-        is_looser = last is not None and PROFILES.index(self.profile) < PROFILES.index(last)
-        if self.asked and is_looser and self.allowed != (record["seq"] - 1, self.profile):
-            raise Bad("record", record["seq"], f"nobody signed that {self.profile} may come after {last}")
+        # What earlier versions wrote counts until the first record of one that asks for authorizations.
+        asks = truth(set_field(change, "looser_by_word", False))
+        rules = set_field(change, "rules", None)
+        last, profile = self.profile, change["profile"]
+        at_risk = [one in ("real", "human") for one in (last, profile)]
+        seq, allowed_for, change_of_rules = self.allowed or (0, None, None)
+        is_right_before = seq == record["seq"] - 1 and allowed_for == profile
+        if rules is None:
+            if self.ruled and any(at_risk):
+                raise Bad("record", record["seq"], "it does not say by what rules it is")
+            is_looser = last is not None and PROFILES.index(profile) < PROFILES.index(last)
+            if (self.asked or asks) and is_looser and not is_right_before:
+                raise Bad("record", record["seq"], f"nobody signed that {profile} may come after {last}")
+            scripted, name, needed = False, None, False
+        else:
+            fields(rules, "digest", "loosened", "scripted?", "settings")
+            scripted, name = truth(set_field(rules, "scripted", False)), rules["digest"]
+            digits(name, 32), loosened_of(rules["loosened"])
+            settings = rules["settings"]
+            if not isinstance(settings, dict):
+                raise ValueError("its settings are none")
+            for setting in settings.values():
+                text(setting)
+            looser = at_risk[1] and bool(rules["loosened"])
+            if scripted and not self.was_live:
+                needed = False
+            elif last is not None and self.rules == name:
+                needed = looser and self.authorized != name
+            else:
+                needed = at_risk[0] or looser
+            signed = {"from": self.rules, "loosened": rules["loosened"], "to": name}
+            if self.rules is None:
+                del signed["from"]
+            if needed and not (is_right_before and change_of_rules == signed):
+                raise Bad("record", record["seq"], f"no administrator authorized these rules of {profile}")
+        if needed:
+            self.authorized = name
+        elif self.authorized != name:
+            self.authorized = None
+        self.profile, self.rules = profile, name
+        self.asked, self.ruled = self.asked or asks, self.ruled or rules is not None
+        self.was_live = self.was_live or (at_risk[1] and not scripted)
 
-    def take_word(self, record, said, domain, about, told):
+    def take_word(self, record, said, domain, about, told, after=()):
         """Looks at an administrator's word: what it is about, whether that is what the record says, whose it is."""
         act = said["act"]
         by = act["by"]
@@ -311,6 +358,7 @@ class Persons:
             text(by),
             text(act["reason"]),
             b"guarded" if truth(act["guarded"]) else b"",
+            *after,
         )
         text(said["public_key"])
         signature = signature_of(said["signature"])
@@ -334,6 +382,15 @@ class Persons:
         if self.keys and self.roles[who] != role:
             raise LookupError("whoever gave it has another role")
         return self.keys.get(who)
+
+
+def loosened_of(value):
+    """The fields that get looser, as they are hashed."""
+    parts = []
+    for one in listed(value):
+        fields(one, "before", "field", "now", "shipped")
+        parts += [text(one[name]) for name in ("field", "before", "shipped", "now")]
+    return parts
 
 
 def lost_by(change):

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::StatusSubject;
 use super::waiting::WaitingRow;
+use crate::cli::profile_on_record;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::door::{DoorError, Doubt};
@@ -48,6 +49,9 @@ pub(super) struct StatusReport {
     pub(super) holding: Option<String>,
     /// Who stopped the cell, while it is stopped.
     pub(super) stopped: Option<StoppedView>,
+    /// Why nothing becomes active and the arm stands until an administrator authorizes the profile, if so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) unauthorized: Option<String>,
     /// The profile the store was last used with.
     pub(super) profile: Option<ProfileName>,
     /// Its own name, if it does not come with the program.
@@ -210,6 +214,10 @@ impl StatusReport {
                 Some(engine) => engine.stopped.clone(),
                 None => halt::recall(views).map_err(CliError::usage)?,
             },
+            unauthorized: match engine {
+                Some(engine) => engine.unauthorized.clone(),
+                None => profile_on_record::missing(views),
+            },
             site: context.as_ref().and_then(|(_, _, json)| record(json)?.site),
             profile: context.map(|(profile, _, _)| profile),
             families,
@@ -258,6 +266,7 @@ impl StatusReport {
         lines.extend(self.unverified.as_ref().map(|doubt| format!("DOUBT    {}", doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped.as_ref().map(stopped_line));
+        lines.extend(self.unauthorized.as_ref().map(|why| format!("profile  NOT AUTHORIZED: {why}")));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
         lines.extend(self.waiting.iter().map(WaitingRow::line));

@@ -109,6 +109,9 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
         let why = super::short(why, width / 4);
         say(ThemeRole::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
     }
+    if model.told.snapshot.as_ref().is_some_and(|snapshot| snapshot.unauthorized.is_some()) {
+        say(ThemeRole::Held, &format!("{} PROFILE NOT AUTHORIZED", pen.look.glyph(Glyph::Paused)));
+    }
     // Until it is reviewed it is said on every screen, also where its alarm was acknowledged.
     for family in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.families) {
         if let Some(review) = &family.review {

@@ -163,6 +163,9 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
             "people have to answer by the deadline; `holdpoint resume` asks again".to_owned()
         }
         Code::GateFrozen => "the freeze has to end".to_owned(),
+        Code::GateProfileUnauthorized => {
+            "an administrator has to sign the profile: `holdpoint profile allow`".to_owned()
+        }
         Code::GateNoImprovement => "an improvement over the active version has to be established".to_owned(),
         Code::GateStaleEvidence => "the stages have to be run again under what holds now".to_owned(),
         Code::ShadowGovernanceDivergence => {

@@ -157,6 +157,7 @@ pub(super) fn of_alarms(span: &Span, alarms: &[AlarmSpell]) -> Vec<HealthMark> {
             | AlarmKind::CheckpointFailed
             | AlarmKind::NameTaken
             | AlarmKind::CameUpStopped
+            | AlarmKind::ProfileUnauthorized
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,
         };
         let family = family_of(&key);
@@ -213,6 +214,7 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
         | AlarmKey::CheckpointFailed
         | AlarmKey::NameTaken
         | AlarmKey::CameUpStopped
+        | AlarmKey::ProfileUnauthorized
         | AlarmKey::EngineFault => None,
     }
 }

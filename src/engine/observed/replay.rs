@@ -319,6 +319,7 @@ impl<'a> Replayer<'a> {
             closed: &closed,
             unmet: &unmet(&candidate.manifest, &self.registered_before(asked_seq)?),
             review_open: self.history.review_open_before(&of.id.family, asked_seq),
+            profile_authorized: true,
             now_s: secs(record.at_ms),
             row_version: 0,
             made_under: *under,

@@ -141,14 +141,3 @@ pub(crate) fn guarded(folder: &std::path::Path, admin: &Identity) -> Identity {
     admin.keep(folder, Keep::Plain).unwrap();
     guarded
 }
-
-/// The administrator signs that a store which nobody has may be used under a looser profile next.
-#[cfg(test)]
-pub(crate) fn loosened(store: &std::path::Path, profile: holdpoint_governance::profile::ProfileName) {
-    let store = holdpoint_registry::Store::open(store).unwrap();
-    let folder = store.layout().identities();
-    let admin = guarded(&folder, &store.persons().unwrap().unasked(&folder).unwrap());
-    let end = (store.store_id(), store.views().unwrap().head().unwrap().hash);
-    let act = holdpoint_approvals::SignedProfileAct::by(&admin, profile, end, "a test").unwrap();
-    holdpoint_registry::allow_profile(&store, profile, ("{}".to_owned(), act), 0).unwrap();
-}

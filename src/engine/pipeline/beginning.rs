@@ -1,5 +1,6 @@
 //! How a pipeline begins: what it announces, the versions a cell is commissioned with, and each stage of a candidate.
 
+use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
@@ -41,6 +42,17 @@ impl Pipeline {
         let Some(VoidedNow { families, reason }) = voided else { return };
         for family in families {
             self.record.tell(EventKind::Voided { family, reason: reason.clone() });
+        }
+    }
+
+    /// An alarm stands as long as no administrator authorized the profile.
+    pub(super) fn look_at_authorization(&mut self) {
+        let key = AlarmKey::ProfileUnauthorized;
+        let is_raised = self.record.alarms().get(&key).is_some_and(|alarm| alarm.condition);
+        match &self.context.unauthorized {
+            Some(why) => self.record.raise(key, Priority::High, false, why),
+            None if is_raised => self.record.alarm_event(&AlarmEvent::Clear { key }),
+            None => {}
         }
     }
 

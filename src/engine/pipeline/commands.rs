@@ -33,6 +33,11 @@ fn refuse_held(why: &str) -> Reply {
     Reply::Refused { code: Refusal::Holding, text: format!("the engine is holding: {why}"), hint }
 }
 
+/// Nothing that gives or widens authority is done under a profile that nobody authorized.
+fn refuse_unauthorized(why: &str) -> Reply {
+    Reply::Refused { code: Refusal::NotNow, text: why.to_owned(), hint: None }
+}
+
 /// What a command is called on the wire.
 fn named(command: &Command) -> String {
     let value = serde_json::to_value(command).unwrap_or_default();
@@ -173,6 +178,9 @@ impl Pipeline {
             }
             Command::Rearm(operation) => {
                 self.bound_agent().check()?;
+                if let Some(why) = &self.context.unauthorized {
+                    return Ok(refuse_unauthorized(why));
+                }
                 operations::rearm(&self.context, &mut self.record, &operation)
             }
             Command::Drift { kind, magnitude } => operations::drift(record, world, kind, magnitude),
@@ -198,6 +206,9 @@ impl Pipeline {
             }
             Command::Continue(operation) => questions::go_on(context, record, dossiers, monitors, &operation),
             Command::Go { by, reason, since_ms, stops } => {
+                if let Some(why) = &context.unauthorized {
+                    return Ok(refuse_unauthorized(why));
+                }
                 Ok(halt::go(record, world, by, reason, (since_ms, stops), caller.clone())?)
             }
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),

@@ -7,7 +7,7 @@ use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::event::EventKind;
 
-use crate::people::persons::{enrolled, loosened};
+use crate::people::persons::enrolled;
 use crate::people::signers::tests::signed;
 use crate::pipeline::Pipeline;
 use crate::tests::{accepted, asked, at_the_gate, pipeline};
@@ -35,8 +35,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     let events = second.drain_events();
     assert!(!events.iter().any(|event| matches!(event, EventKind::ApprovalRequested { .. })), "{events:?}");
     drop(second);
-    // Under another profile it is another question; a looser one, and so an administrator signs for it.
-    loosened(folder.path(), ProfileName::Real);
+    // Under another profile it is another question.
     let third = pipeline(folder.path(), ProfileName::Real);
     assert!(third.snapshot().prompts.is_empty());
 }

@@ -275,6 +275,7 @@ pub(crate) fn gate(
         row_version: member.row_version,
         made_under,
         omitted: context.omitted,
+        profile_authorized: context.unauthorized.is_none(),
     };
     Ok(gate::evaluate(&input, &context.table, &context.profile))
 }
@@ -302,6 +303,9 @@ pub(super) fn activate(
     approvals: &[SignedApproval],
 ) -> Result<(), Fault> {
     agent.check()?;
+    if let Some(why) = &context.unauthorized {
+        return Err(Fault::Impossible(format!("{id} passed the gate, and {why}")));
+    }
     let (version, _, _) = record.ledger().version(id)?;
     let event = LifecycleEvent::Pass { version, stage: Stage::Activation };
     record.transition(&id.family, event, Note::because("the gate is passed"))?;

@@ -93,6 +93,7 @@ impl SnapshotView<'_> {
             signing: self.signed_calls.view(self.context, self.record),
             holding: self.record.holding().map(ToOwned::to_owned),
             stopped: self.world.halted.clone(),
+            unauthorized: self.context.unauthorized.clone(),
             families,
             candidates,
             emergencies: emergencies::views(self.context, self.record, self.dossiers),

@@ -46,6 +46,8 @@ crate::words! {
         NameTaken = "name-taken",
         /// The cell came up stopped: the last engine ended suddenly, or a stop was not on record yet.
         CameUpStopped = "came-up-stopped",
+        /// No administrator authorized the profile as this program has it.
+        ProfileUnauthorized = "profile-unauthorized",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -87,6 +89,7 @@ impl AlarmKind {
             | Self::CheckpointFailed
             | Self::NameTaken
             | Self::CameUpStopped
+            | Self::ProfileUnauthorized
             | Self::EngineFault => AlarmTopic::Engine,
         }
     }
@@ -134,6 +137,8 @@ pub enum AlarmKey {
     NameTaken,
     /// The one cell there is: how it came up.
     CameUpStopped,
+    /// The one profile in force.
+    ProfileUnauthorized,
     /// The one engine there is.
     EngineFault,
 }
@@ -166,6 +171,7 @@ impl AlarmKey {
             Self::CheckpointFailed => AlarmKind::CheckpointFailed,
             Self::NameTaken => AlarmKind::NameTaken,
             Self::CameUpStopped => AlarmKind::CameUpStopped,
+            Self::ProfileUnauthorized => AlarmKind::ProfileUnauthorized,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -192,6 +198,7 @@ impl fmt::Display for AlarmKey {
             | Self::CheckpointFailed
             | Self::NameTaken
             | Self::CameUpStopped
+            | Self::ProfileUnauthorized
             | Self::EngineFault => {
                 write!(f, "{kind}")
             }
@@ -224,11 +231,13 @@ impl FromStr for AlarmKey {
             AlarmKind::CheckpointFailed if about.is_none() => Self::CheckpointFailed,
             AlarmKind::NameTaken if about.is_none() => Self::NameTaken,
             AlarmKind::CameUpStopped if about.is_none() => Self::CameUpStopped,
+            AlarmKind::ProfileUnauthorized if about.is_none() => Self::ProfileUnauthorized,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
             AlarmKind::EngineFault
             | AlarmKind::NameTaken
             | AlarmKind::CameUpStopped
+            | AlarmKind::ProfileUnauthorized
             | AlarmKind::CheckpointFailed
             | AlarmKind::TelemetryMissed
             | AlarmKind::CellDegraded
@@ -277,6 +286,7 @@ mod tests {
                 | AlarmKind::CheckpointFailed
                 | AlarmKind::NameTaken
                 | AlarmKind::CameUpStopped
+                | AlarmKind::ProfileUnauthorized
                 | AlarmKind::TelemetryMissed => "",
                 AlarmKind::RolledBack
                 | AlarmKind::Escalated

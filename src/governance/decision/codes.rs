@@ -206,6 +206,8 @@ reason_codes! {
     GateRequesterUnknown = "gate-requester-unknown",
     /// The profile is closed to this version by a profile demotion.
     GateProfileClosed = "gate-profile-closed",
+    /// The profile changed, with the program for one, and no administrator authorized it.
+    GateProfileUnauthorized = "gate-profile-unauthorized",
 
     /// Enough distinct people approved, each independent and of a role that reaches the tier.
     ApprovalGranted = "approval-granted",
@@ -351,6 +353,7 @@ impl ReasonCode {
             | Self::GateReviewOpen
             | Self::GateRequesterUnknown
             | Self::GateProfileClosed
+            | Self::GateProfileUnauthorized
             | Self::ApprovalGranted
             | Self::ApprovalNotNeeded
             | Self::ApprovalPending

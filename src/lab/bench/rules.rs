@@ -277,6 +277,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         closed: &closed,
         unmet: &[],
         review_open: false,
+        profile_authorized: true,
         now_s: 1.0,
         row_version: 4,
         made_under: subjects.made_under()?,

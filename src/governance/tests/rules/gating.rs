@@ -163,6 +163,7 @@ impl Case {
             closed: &self.closed,
             unmet: &self.unmet,
             review_open: self.review_open,
+            profile_authorized: true,
             now_s: self.now_s,
             row_version: 7,
             made_under: holdpoint_governance::decision::MadeUnder { policy: self.policy, ..made_under() },

@@ -88,6 +88,7 @@ impl World {
                 closed: &BTreeSet::new(),
                 unmet: &[],
                 review_open: false,
+                profile_authorized: true,
                 now_s: 1.0,
                 row_version: 1,
                 made_under: MadeUnder { policy: self.table.digest, ..made_under() },

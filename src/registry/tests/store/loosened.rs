@@ -1,25 +1,18 @@
-//! A looser profile than the last one takes an administrator's word, once and at once.
+//! A change of profile where robots or people are at risk takes an administrator's authorization, once and at once.
 
-use holdpoint_approvals::{Identity, SignedProfileAct};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_registry::{Head, Store, StoreError, UnsignedRecords, allow_profile, rebuild, verify};
+use holdpoint_registry::{Change, Head, Store, StoreError, UnsignedRecords, allow_profile, rebuild, verify};
 use holdpoint_text::Hint as _;
 
 use crate::damage::rewrite;
 use crate::edits::{made, quick_folder};
 use crate::support::*;
+use holdpoint_approvals::Identity;
 
 const BY: &str = "{\"user\":\"ada\"}";
 
 fn head(store: &Store) -> Head {
     store.views().unwrap().head().unwrap()
-}
-
-/// Puts a word on record that somebody signs over the end of the chain as it is.
-fn allow(store: &Store, who: &Identity, profile: ProfileName) -> Result<(), StoreError> {
-    let end = (store.store_id(), head(store).hash);
-    let act = SignedProfileAct::by(who, profile, end, "a test").unwrap();
-    allow_profile(store, profile, (BY.to_owned(), act), 7)
 }
 
 /// What is refused writes nothing.
@@ -30,45 +23,67 @@ fn refused(store: &Store, what: impl FnOnce() -> Result<(), StoreError>, said: &
     assert_eq!(head(store), before, "nothing was written");
 }
 
-fn set(store: &Store, command: &str, profile: ProfileName) -> Result<(), StoreError> {
-    commit(store, command, vec![context(profile)]).map(drop)
+fn set(store: &Store, command: &str, next: &Change) -> Result<(), StoreError> {
+    commit(store, command, vec![next.clone()]).map(drop)
+}
+
+fn of(profile: ProfileName, rules: &str, looser: &[&str]) -> Change {
+    context_of(profile, rules, looser)
 }
 
 #[test]
-fn a_looser_profile_takes_an_administrators_word_right_before_it() {
+fn a_change_of_profile_takes_an_administrators_authorization_right_before_it() {
     use ProfileName::{Human, Real, Sim};
     let folder = quick_folder();
     made(folder.path());
     let store = open(folder.path());
     let admin = administrator(&store);
     let ada = Identity::load(&store.layout().identities(), "ada").unwrap();
-    // To a stricter one nobody has to sign, and a word on no looser one is of no use.
-    refused(&store, || allow(&store, &admin, Sim), "looser one than sim");
-    set(&store, "real", Real).unwrap();
-    refused(&store, || allow(&store, &admin, Human), "looser one than real");
-    let error = set(&store, "sim", Sim).unwrap_err();
-    assert!(matches!(error, StoreError::LooserProfile { last: Real, next: Sim }), "{error}");
+    // To the profile that comes with the program nobody has to sign, and to what is looser than it an administrator has.
+    refused(
+        &store,
+        || set(&store, "loose", &of(Real, "loose", &["runtime.retries_max"])),
+        "1 field is looser",
+    );
+    let (real, sim) = (of(Real, "real", &[]), of(Sim, "sim", &[]));
+    set(&store, "real", &real).unwrap();
+    let error = set(&store, "sim", &sim).unwrap_err();
+    assert!(error.to_string().contains("from the profile real to sim, no field is looser"), "{error}");
     let hint = error.hint().unwrap();
     assert!(hint.contains("holdpoint profile allow sim --by ADMIN"), "{hint}");
+    // A stricter one is another one, and so is the same with other numbers.
+    assert!(set(&store, "human", &of(Human, "human", &[])).is_err());
+    assert!(set(&store, "other numbers", &of(Real, "other numbers", &[])).is_err());
     // Nobody else's, and not one that was signed for another end of the chain.
-    refused(&store, || allow(&store, &ada, Sim), "only an administrator");
-    let early = SignedProfileAct::by(&admin, Sim, (store.store_id(), head(&store).hash), "a test").unwrap();
-    set(&store, "real again", Real).unwrap();
+    refused(&store, || authorize(&store, &ada, &sim), "only an administrator");
+    let (_, early) = sign_profile(&store, &admin, &sim);
+    set(&store, "real again", &real).unwrap();
     refused(&store, || allow_profile(&store, Sim, (BY.to_owned(), early), 7), "none for this end");
-    // A word that something came after is used up.
-    allow(&store, &admin, Sim).unwrap();
-    set(&store, "real a third time", Real).unwrap();
-    assert!(set(&store, "sim", Sim).is_err());
-    allow(&store, &admin, Sim).unwrap();
-    set(&store, "sim", Sim).unwrap();
-    // And one is for one profile.
-    set(&store, "human", Human).unwrap();
-    refused(&store, || allow(&store, &admin, Real), "had no passphrase when it signed");
+    // An authorization that something came after is used up.
+    authorize(&store, &admin, &sim).unwrap();
+    set(&store, "real a third time", &real).unwrap();
+    assert!(set(&store, "sim", &sim).is_err());
+    // One is for one list of fields.
+    let loose = of(Real, "loose", &["runtime.retries_max"]);
+    authorize(&store, &admin, &of(Real, "loose", &[])).unwrap();
+    assert!(set(&store, "loose", &loose).is_err());
+    authorize(&store, &admin, &of(Real, "loose", &["runtime.retries_max", "runtime.near_margin"])).unwrap();
+    assert!(set(&store, "loose", &loose).is_err());
+    authorize(&store, &admin, &loose).unwrap();
+    set(&store, "loose", &loose).unwrap();
+    set(&store, "loose again", &loose).unwrap();
+    authorize(&store, &admin, &sim).unwrap();
+    set(&store, "sim", &sim).unwrap();
+    // And for one change.
+    let human = of(Human, "human", &[]);
+    set(&store, "human", &human).unwrap();
+    refused(&store, || authorize(&store, &admin, &real), "had no passphrase when it signed");
     let guarded = guarded_administrator(&store);
-    allow(&store, &guarded, Real).unwrap();
-    let error = set(&store, "sim once more", Sim).unwrap_err();
-    assert!(matches!(error, StoreError::LooserProfile { last: Human, next: Sim }), "{error}");
-    set(&store, "real at last", Real).unwrap();
+    authorize(&store, &guarded, &real).unwrap();
+    assert!(set(&store, "sim once more", &sim).is_err());
+    set(&store, "real at last", &real).unwrap();
+    // To where people decide it is a guarded key's, too.
+    refused(&store, || authorize(&store, &admin, &human), "had no passphrase when it signed");
     let key = *store.public_key();
     drop(store);
     let database = folder.path().join("holdpoint.db");
@@ -84,14 +99,15 @@ fn a_looser_profile_takes_an_administrators_word_right_before_it() {
     assert_eq!(store.views().unwrap().context().unwrap().unwrap().0, Real);
 }
 
-/// Whoever edits the newest record under a running engine, or of a store that nobody has, makes no word of it.
+/// Whoever edits the newest record under a running engine, or of a store that nobody has, makes no authorization of it.
 #[test]
-fn an_edited_record_is_no_word() {
+fn an_edited_record_is_no_authorization() {
     use ProfileName::{Human, Sim};
     let folder = quick_folder();
     made(folder.path());
     let store = open(folder.path());
-    set(&store, "human", Human).unwrap();
+    let (human, sim) = (context(Human), context(Sim));
+    set(&store, "human", &human).unwrap();
     let connection = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
     let guard: String = connection
         .query_row("SELECT sql FROM sqlite_schema WHERE name = 'audit_no_update'", [], |row| row.get(0))
@@ -111,24 +127,21 @@ fn an_edited_record_is_no_word() {
         "profile-allowed",
         r#"{"change":{"act":{},"by":"{}","change":"allow-profile","profile":"sim"},"rows":[]}"#,
     );
-    let error = set(&store, "sim", Sim).unwrap_err();
-    assert!(matches!(error, StoreError::LooserProfile { last: Human, next: Sim }), "{error}");
-    let error = store.views().unwrap().may_follow(Sim).unwrap_err();
-    assert!(matches!(error, StoreError::LooserProfile { last: Human, next: Sim }), "{error}");
+    assert!(set(&store, "sim", &sim).is_err());
     newest(&kind, &body);
-    assert!(set(&store, "sim", Sim).is_err());
+    assert!(set(&store, "sim", &sim).is_err());
     let key = *store.public_key();
     drop((store, connection));
     verify(&folder.path().join("holdpoint.db"), Some(&key)).unwrap();
 }
 
-/// A record that nobody signed goes over to a looser profile: nobody can be got to take it by a rebuild.
+/// A record that nobody signed changes the profile: nobody can be got to take it by a rebuild.
 #[test]
-fn no_rebuild_takes_a_looser_profile_that_nobody_signed() {
+fn no_rebuild_takes_a_change_of_profile_that_nobody_signed() {
     let folder = quick_folder();
     made(folder.path());
     let store = open(folder.path());
-    set(&store, "human", ProfileName::Human).unwrap();
+    set(&store, "human", &context(ProfileName::Human)).unwrap();
     drop(store);
     let append = |kind: &str, body: &str| {
         let record = format!(
@@ -139,8 +152,7 @@ fn no_rebuild_takes_a_looser_profile_that_nobody_signed() {
         rewrite(folder.path(), &record);
     };
     // As an earlier version wrote it.
-    let first = "replace((SELECT body FROM audit WHERE kind = 'context-set' ORDER BY seq LIMIT 1),
-       '\"looser_by_word\":true,', '')";
+    let first = "json_remove((SELECT body FROM audit WHERE kind = 'context-set' ORDER BY seq LIMIT 1), '$.change.rules')";
     let database = folder.path().join("holdpoint.db");
     let is_refused = || {
         for unsigned in [UnsignedRecords::Refuse, UnsignedRecords::Take] {

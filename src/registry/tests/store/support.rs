@@ -4,17 +4,20 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use holdpoint_approvals::{
-    Approval, Identity, IdentityInfo, Nonce, ShownQuestion, SignedApproval, facts_digest, lines_digest,
+    Approval, Identity, IdentityInfo, Nonce, ShownQuestion, SignedApproval, SignedProfileAct, facts_digest,
+    lines_digest,
 };
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::loosened::{Loosened, Settings};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{
-    ActiveCause, ApprovalRequest, AuditBody, Change, NewVersion, Receipt, Store, StoreError, Transaction,
+    ActiveCause, ApprovalRequest, AuditBody, Change, ContextRules, NewVersion, Receipt, Store, StoreError,
+    Transaction, allow_profile,
 };
 
 /// The digest of a robot.
@@ -76,12 +79,43 @@ pub fn evidence(name: &str, kind: EvidenceKind, text: &str) -> Change {
 
 /// The profile and policy.
 pub fn context(profile: ProfileName) -> Change {
+    context_of(profile, profile.name(), &[])
+}
+
+/// The profile with rules of this name, in which these fields are looser.
+pub fn context_of(profile: ProfileName, rules: &str, looser: &[&str]) -> Change {
+    let loosened = looser.iter().map(|field| Loosened {
+        before: "1".into(),
+        field: (*field).into(),
+        now: "3".into(),
+        shipped: "2".into(),
+    });
     Change::SetContext {
         profile,
         policy_digest: digest(profile.name()),
         json: "{}".into(),
-        looser_by_word: true,
+        rules: Some(Box::new(ContextRules {
+            digest: digest(rules),
+            loosened: loosened.collect(),
+            scripted: false,
+            settings: Settings::from([("name".into(), profile.name().into())]),
+        })),
     }
+}
+
+/// Somebody signs, over the end of the chain as it is, that a profile may come into force.
+pub fn sign_profile(store: &Store, who: &Identity, next: &Change) -> (ProfileName, SignedProfileAct) {
+    let Change::SetContext { profile, rules: Some(rules), .. } = next else { panic!("{next:?}") };
+    let views = store.views().unwrap();
+    let end = (store.store_id(), views.head().unwrap().hash);
+    let change = views.profiles().unwrap().change_to(rules);
+    (*profile, SignedProfileAct::by(who, (*profile, change), end, "a test").unwrap())
+}
+
+/// As [`sign_profile`], on record.
+pub fn authorize(store: &Store, who: &Identity, next: &Change) -> Result<(), StoreError> {
+    let (profile, act) = sign_profile(store, who, next);
+    allow_profile(store, profile, ("{\"user\":\"ada\"}".to_owned(), act), 7)
 }
 
 /// A transaction with a command id of its own.

@@ -5,12 +5,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use holdpoint_approvals::{Identity, SignedProfileAct, SignedWitnessAct};
+use holdpoint_approvals::{Identity, SignedWitnessAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    ExportReport, Exporting, UnsignedRecords, VerifyError, add_witness, allow_profile, export_store,
-    is_exported, rebuild, verify, verify_export,
+    ExportReport, Exporting, UnsignedRecords, VerifyError, add_witness, export_store, is_exported, rebuild,
+    verify, verify_export,
 };
 
 use crate::damage::rewrite;
@@ -109,7 +109,7 @@ pub fn same(ours: &Result<ExportReport, VerifyError>, theirs: &serde_json::Value
     if is_same { Ok(()) } else { Err(format!("theirs: {theirs}, ours: {ours:?}")) }
 }
 
-/// An administrator confirms somebody, and answers for a witness and for a looser profile.
+/// An administrator confirms somebody, and answers for a witness and for changes of profile.
 pub fn vouched(folder: &Path, witness: &Path) {
     let store = open(folder);
     confirm(&store, "ada");
@@ -118,11 +118,12 @@ pub fn vouched(folder: &Path, witness: &Path) {
     let act = SignedWitnessAct::by(&administrator(&store), (&place, true), end, "a test").unwrap();
     add_witness(&store, &place, ("{}".to_owned(), Some(Box::new(act))), 7).unwrap();
     commit(&store, "real", vec![context(ProfileName::Real)]).unwrap();
-    let after = store.views().unwrap().head().unwrap().hash;
-    let end = (store.store_id(), after);
-    let act = SignedProfileAct::by(&administrator(&store), ProfileName::Sim, end, "a test").unwrap();
-    allow_profile(&store, ProfileName::Sim, ("{}".to_owned(), act), 7).unwrap();
-    commit(&store, "sim", vec![context(ProfileName::Sim)]).unwrap();
+    let looser = context_of(ProfileName::Real, "looser", &["runtime.retries_max"]);
+    authorize(&store, &administrator(&store), &looser).unwrap();
+    commit(&store, "looser", vec![looser]).unwrap();
+    let sim = context(ProfileName::Sim);
+    authorize(&store, &administrator(&store), &sim).unwrap();
+    commit(&store, "sim", vec![sim]).unwrap();
 }
 
 /// Stores with approvals, of an earlier version, and rebuilt with a gap.
@@ -253,6 +254,8 @@ fn persons_and_who_approved_are_judged_by_both() {
     let of =
         |name: &str| format!("SELECT seq FROM audit WHERE kind = 'person-enrolled' AND subject = '{name}'");
     let of_kind = |kind: &str| format!("SELECT seq FROM audit WHERE kind = '{kind}'");
+    let newest_of = |kind: &str| format!("SELECT max(seq) FROM audit WHERE kind = '{kind}'");
+    let looser_of = |kind: &str| format!("{} AND body LIKE '%retries_max%'", of_kind(kind));
     let put = "SELECT min(seq) FROM audit WHERE kind = 'approval-put'";
     for (what, edit, expected) in [
         ("a reason", body("a test", "no test", &of("ada")), "the person \"ada\" is bad"),
@@ -275,21 +278,40 @@ fn persons_and_who_approved_are_judged_by_both() {
             body("\"present\":true", "\"present\":false", &of_kind("witness-set")),
             "the person",
         ),
-        ("a profile", body("a test", "no test", &of_kind("profile-allowed")), "the person \"admin\" is bad"),
+        ("a profile", body("a test", "no test", &newest_of("profile-allowed")), "the person \"admin\" is bad"),
         (
             "which profile",
-            body("\"profile\":\"sim\"}", "\"profile\":\"real\"}", &of_kind("profile-allowed")),
+            body("\"profile\":\"sim\"}", "\"profile\":\"real\"}", &newest_of("profile-allowed")),
             "the person",
         ),
         (
             "whose profile",
-            "UPDATE audit SET kind = 'decision' WHERE kind = 'profile-allowed'".to_owned(),
+            format!("UPDATE audit SET kind = 'decision' WHERE seq = ({})", newest_of("profile-allowed")),
             "goes over from the profile real to sim",
         ),
         (
-            "a profile that asks for no word",
-            body("\"looser_by_word\":true", "\"looser_by_word\":false", &of_kind("context-set")),
-            "its body is not of its form",
+            "a field that got looser without a word",
+            body("\"field\":\"runtime.retries_max\"", "\"field\":\"runtime.near_margin\"", &looser_of("context-set")),
+            "changes the profile real, 1 field is looser: runtime.near_margin",
+        ),
+        (
+            "what an administrator signed of a field",
+            body("\"now\":\"3\"", "\"now\":\"4\"", &looser_of("profile-allowed")),
+            "the person \"admin\" is bad",
+        ),
+        (
+            "which rules",
+            "UPDATE audit SET body = replace(body, substr(body, instr(body, '\"rules\":{\"digest\":\"') + 20, 8), '00000000')
+             WHERE kind = 'context-set' AND body LIKE '%retries_max%'"
+                .to_owned(),
+            "no administrator's authorization of that",
+        ),
+        (
+            "a profile whose rules nobody says",
+            "UPDATE audit SET body = json_remove(body, '$.change.rules') WHERE kind = 'context-set' AND
+             body LIKE '%\"profile\":\"sim\"%' AND seq > 9"
+                .to_owned(),
+            "does not say by what rules",
         ),
         ("an unknown giver", body("\"who\":\"ada\"", "\"who\":\"zoe\"", put), "was not enrolled then"),
         (

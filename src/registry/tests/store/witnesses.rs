@@ -496,7 +496,9 @@ fn an_administrator_signs_which_witnesses_there_are() {
     add(word(&admin, true, head().hash)).unwrap();
     remove_witness(&store, &name, word(&admin, false, head().hash), 7).unwrap();
     // Where people decide, a key that others could have used does not do.
-    commit(&store, "human", vec![context(ProfileName::Human)]).unwrap();
+    let human = context(ProfileName::Human);
+    authorize(&store, &guarded_administrator(&store), &human).unwrap();
+    commit(&store, "human", vec![human]).unwrap();
     refused(word(&admin, true, head().hash), "had no passphrase when it signed");
     add(word(&guarded_administrator(&store), true, head().hash)).unwrap();
     let report = verify(&folder.path().join("holdpoint.db"), Some(store.public_key())).unwrap();
