@@ -76,7 +76,7 @@ pub struct StageArgs {
     /// The registered candidate, e.g. grasp@1.1.0.
     #[arg(value_name = "FAMILY@VERSION")]
     pub version: CapabilityId,
-    /// Seed of the episodes [default: that of `run`].
+    /// Seed of the episodes: the one that the store was begun with.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Episodes evaluated at once [default: one per core].

@@ -115,7 +115,7 @@ pub(super) fn last(data: &Path) -> Result<ChosenProfile, CliError> {
     match record.and_then(|record| record.own) {
         None => Ok(name.into()),
         Some(texts) => {
-            let own = OwnProfile::parse(texts).map_err(|error| {
+            let own = OwnProfile::carried(texts).map_err(|error| {
                 let text = format!(
                     "the profile that the store was last used with cannot be used: {}",
                     error.sentence()

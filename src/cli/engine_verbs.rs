@@ -278,7 +278,7 @@ impl EngineVerbs for RealEngine {
             data: &context.data,
             profile: chosen::last(&context.data)?,
             cell: last_cell(context)?,
-            seed: args.seed.unwrap_or(run::SEED_DEFAULT),
+            seed: run::EngineArgs { seed: args.seed, ..run::EngineArgs::default() }.seed(&context.data)?,
             jobs: run::jobs(args.jobs),
             json: context.json,
             version: &args.version,

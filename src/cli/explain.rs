@@ -46,7 +46,7 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut Output<'_>) -> Re
     let missing = super::profile_on_record::missing(&views);
     out.answer(&explanation, |out| {
         show(&explanation, out)?;
-        missing.map_or(Ok(()), |why| out.paragraph("", &format!("profile: gate-profile-unauthorized: {why}")))
+        missing.map_or(Ok(()), |why| out.line(&format!("profile: gate-profile-unauthorized: {why}")))
     })?;
     Ok(Exit::Confirmed)
 }

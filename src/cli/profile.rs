@@ -18,7 +18,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::{RulesChange, SignedProfileAct};
 use holdpoint_engine::caller;
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::loosened::{Loosened, Rules};
+use holdpoint_governance::loosened::{Before, Loosened, Rules, told};
 use holdpoint_governance::own_profile::ChosenProfile;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
@@ -104,6 +104,8 @@ struct ProfileCheck {
     digest: Digest,
     policy: Digest,
     numbers: Vec<ReasonedNumber>,
+    /// What is looser than in the profile of its class that comes with the program, and takes an authorization.
+    loosened: Vec<Loosened>,
 }
 
 #[derive(Serialize)]
@@ -131,12 +133,14 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Re
             let (profile, table) = rules(&chosen)?;
             let digest = profile.digest().map_err(CliError::internal)?;
             let numbers = chosen.numbers().map_err(CliError::internal)?;
+            let loosened = Rules::of(&profile, &table).map_err(CliError::internal)?.loosened(Before::Nothing);
             let checked = ProfileCheck {
                 name: profile.name,
                 site: profile.site,
                 digest,
                 policy: table.digest,
                 numbers,
+                loosened,
             };
             out.answer(&checked, |out| print_check(&checked, out))?;
         }
@@ -219,6 +223,10 @@ fn print_check(checked: &ProfileCheck, out: &mut Output<'_>) -> Result<(), CliEr
     let title = titled(checked.name, checked.site.as_ref());
     out.line(&format!("the profile {title} is well formed, digest {}", checked.digest))?;
     out.line(&format!("its policies compile, digest {}", checked.policy))?;
+    if !checked.loosened.is_empty() {
+        let told = told(&checked.loosened);
+        out.line(&format!("{told}; an administrator has to sign that: `holdpoint profile allow`"))?;
+    }
     let mut table = Table::new(&["field", "value", "shipped", "reason"]);
     for number in &checked.numbers {
         let shipped = number.shipped.map_or_else(String::new, |shipped| shipped.to_string());

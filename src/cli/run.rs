@@ -22,7 +22,7 @@ use holdpoint_protocol::command::PACE_ALLOWED;
 use holdpoint_registry::StoreError;
 
 /// The seed of a run that names none.
-pub(super) const SEED_DEFAULT: u64 = 1;
+const SEED_DEFAULT: u64 = 1;
 
 /// The longest time an engine goes on with nobody, s: a day. One that is to go on for ever is `holdpoint serve`.
 pub(super) const LINGER_SECS_MAX: i64 = 24 * 60 * 60;

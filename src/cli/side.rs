@@ -7,6 +7,7 @@ use std::io::{self, Write as _};
 
 use super::chosen;
 use super::data;
+use super::run::EngineArgs;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit, start_error};
@@ -81,7 +82,7 @@ impl Side {
         let config = Config {
             data: &context.data,
             profile: chosen::last(&context.data)?,
-            seed: 1,
+            seed: EngineArgs::default().seed(&context.data)?,
             jobs: 1,
             scripted: false,
             cell: last_cell(context)?,

@@ -5,7 +5,7 @@
 
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
-use holdpoint_governance::loosened::{Rules, is_at_risk, told};
+use holdpoint_governance::loosened::{Rules, told};
 use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::PolicyTable;
@@ -259,12 +259,14 @@ pub(crate) fn set_context(
         Begin::Unauthorized(why) => return Ok(ContextSet::Unauthorized(why)),
     };
     let recorded = before.as_ref().and_then(|before| before.seed);
-    // What a script gathered where robots or people are at risk counts for nobody else.
-    let left_by_a_script = course.scripted() && !scripted && is_at_risk(name);
+    // From a script it goes over to somebody else, whose seed the store keeps from then on.
+    let left_by_a_script = course.scripted() && !scripted;
     let same = known.is_some_and(|(profile, policy, _)| profile == name && policy == context.digest);
-    if same && !left_by_a_script {
+    let on_record = course.last().and_then(|last| last.rules);
+    if same && on_record == Some(rules.digest) && !left_by_a_script {
         return Ok(ContextSet::InForce(None));
     }
+    let voids = !same || on_record.is_some_and(|digest| digest != rules.digest);
     let reason = before.as_ref().map_or_else(
         || "a profile, policies and a robot are in force for the first time".to_owned(),
         |before| what_changed(before, context),
@@ -290,6 +292,9 @@ pub(crate) fn set_context(
     let rules = Some(Box::new(rules));
     let change = Change::SetContext { profile: name, policy_digest: context.digest, json, rules };
     ledger.write(vec![change], loaded.into_iter().collect(), at_ms)?;
+    if !voids {
+        return Ok(ContextSet::InForce(None));
+    }
     let families: Vec<Family> = ledger.families().map(|(family, _)| family.clone()).collect();
     for family in &families {
         let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
@@ -298,3 +303,6 @@ pub(crate) fn set_context(
     let voided = before.is_some() && !families.is_empty();
     Ok(ContextSet::InForce(voided.then_some(VoidedNow { families, reason })))
 }
+
+#[cfg(test)]
+mod tests;

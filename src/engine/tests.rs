@@ -59,7 +59,7 @@ pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()
 }
 
-fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
+pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
     Config {
         data: folder,
         profile: ProfileName::Sim.into(),

@@ -3,6 +3,8 @@
 //! Owns the typed pass that activation needs; nothing else can make one. Reads measured values only.
 //! Source: paper equation 10, Table 4, section 5.2 stage 5; design rule 3.7.
 
+mod terms;
+
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
@@ -545,7 +547,7 @@ impl GateFindings {
         } else {
             GateOutcome::Pass
         };
-        let terms = terms(input.kappas, profile, quorum, glass);
+        let terms = terms::terms(input.kappas, profile, quorum, glass);
         let mut reasons = self.reject;
         for list in [self.demote, self.hold, self.ask] {
             reasons.extend(list);
@@ -578,30 +580,4 @@ impl GateFindings {
         });
         GateResult { decision: Decision::new(outcome, reasons, answers, &input.made_under), passed }
     }
-}
-
-fn terms(kappas: &Kappas, profile: &Profile, quorum: u8, glass: bool) -> Terms {
-    let mut modes = kappas.caps();
-    let mut conditions = kappas.conditions();
-    if quorum > 0 || profile.activation.approval_bound {
-        modes.insert(ActivationMode::ApprovalBound);
-    }
-    if quorum > 0 {
-        conditions.retain(|condition| !matches!(condition, Condition::ApprovalRequired { .. }));
-        conditions.push(Condition::ApprovalRequired { quorum });
-    }
-    if glass || profile.activation.rollback_coupled || needs_review(kappas, profile) {
-        modes.insert(ActivationMode::RollbackCoupled);
-    }
-    let coupled = modes.contains(&ActivationMode::RollbackCoupled);
-    if coupled && !conditions.contains(&Condition::RollbackCoupled) {
-        conditions.push(Condition::RollbackCoupled);
-    }
-    if conditions.iter().any(Condition::bounds_use) {
-        modes.insert(ActivationMode::Conditional);
-    }
-    if modes.is_empty() {
-        modes.insert(ActivationMode::Full);
-    }
-    Terms { modes, conditions, provisional_episodes: profile.activation.provisional_episodes }
 }

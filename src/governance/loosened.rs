@@ -23,6 +23,8 @@ pub type Settings = BTreeMap<String, String>;
 pub const LOOSENED_MAX: usize = 2048;
 /// What stands for a setting that is not there.
 const NONE: &str = "none";
+/// What stands for settings that an earlier version did not put on record.
+const NOT_ON_RECORD: &str = "not on record";
 /// What a listed thing is set to.
 const LISTED: &str = "listed";
 /// Where the settings of policies begin.
@@ -126,10 +128,10 @@ impl Rules {
         Ok(Self { class: profile.name, digest, settings: settings(profile, table), shipped })
     }
 
-    /// Fields that are looser than before, or than the profile that comes with the program where robots or people are at risk.
+    /// As [`loosened`].
     #[must_use]
     pub fn loosened(&self, before: Before<'_>) -> Vec<Loosened> {
-        loosened(before, is_at_risk(self.class).then_some(&self.shipped), &self.settings)
+        loosened(before, &self.shipped, &self.settings)
     }
 }
 
@@ -240,15 +242,16 @@ fn is_looser(field: &str, before: Option<&String>, now: Option<&String>) -> bool
     }
 }
 
-/// Every field of `next` that is looser than before, or than the shipped profile of its class where that is a measure (absent
-/// for the class `sim`, which promises nothing), in the order of their paths.
+/// Every field of `next` that is looser than before, or than the shipped profile of its class, in the order of their paths. The
+/// class `sim` promises nothing: its shipped profile is shown and is no measure.
 #[must_use]
-pub fn loosened(before: Before<'_>, shipped: Option<&Settings>, next: &Settings) -> Vec<Loosened> {
+pub fn loosened(before: Before<'_>, shipped: &Settings, next: &Settings) -> Vec<Loosened> {
     let known = match before {
         Before::Known(settings) => Some(settings),
         Before::Nothing | Before::Unknown => None,
     };
-    let measures = [known, shipped];
+    let is_promise = next.get("name").is_none_or(|class| class != ProfileName::Sim.name());
+    let measures = [known, is_promise.then_some(shipped)];
     let fields: BTreeSet<&String> =
         measures.into_iter().flatten().flat_map(BTreeMap::keys).chain(next.keys()).collect();
     let text = |settings: Option<&Settings>, field: &str| {
@@ -263,15 +266,15 @@ pub fn loosened(before: Before<'_>, shipped: Option<&Settings>, next: &Settings)
             before: text(known, field),
             field: field.clone(),
             now: text(Some(next), field),
-            shipped: text(shipped, field),
+            shipped: text(Some(shipped), field),
         })
         .collect();
     if matches!(before, Before::Unknown) {
-        let name = |settings: Option<&Settings>| text(settings, "name");
+        let name = |settings: &Settings| text(Some(settings), "name");
         let unknown = Loosened {
-            before: "not on record".to_owned(),
+            before: NOT_ON_RECORD.to_owned(),
             field: "profile".to_owned(),
-            now: name(Some(next)),
+            now: name(next),
             shipped: name(shipped),
         };
         found.insert(0, unknown);
@@ -337,6 +340,11 @@ pub fn needs_authorization(
 pub fn told(loosened: &[Loosened]) -> Cow<'static, str> {
     match loosened {
         [] => "no field is looser".into(),
+        [first, rest @ ..] if first.before == NOT_ON_RECORD => {
+            let than = "than in the profile that comes with the program";
+            format!("what was in force before is not on record, {} fields are looser {than}", rest.len())
+                .into()
+        }
         [one] => format!("1 field is looser: {one}").into(),
         [first, ..] => format!("{} fields are looser, the first of them {first}", loosened.len()).into(),
     }
@@ -412,20 +420,17 @@ mod tests {
                 };
                 for value in &looser {
                     let next = with(value);
-                    for found in [
-                        loosened(Before::Nothing, Some(&shipped), &next),
-                        loosened(Before::Known(&shipped), None, &next),
-                    ] {
+                    // A class that promises less is held against what was before, and against nothing that is shipped.
+                    let of_class = (Before::Nothing, &shipped);
+                    let measures = [of_class, (Before::Known(&shipped), &next)];
+                    for (before, shipped) in &measures[usize::from(field == "name")..] {
+                        let found = loosened(*before, shipped, &next);
                         let fields: Vec<&str> = found.iter().map(|one| one.field.as_str()).collect();
                         assert_eq!(fields, [field], "{value:?}");
                     }
                 }
                 for value in &tighter {
-                    assert_eq!(
-                        loosened(Before::Known(&shipped), Some(&shipped), &with(value)),
-                        [],
-                        "{field}"
-                    );
+                    assert_eq!(loosened(Before::Known(&shipped), &shipped, &with(value)), [], "{field}");
                 }
             }
         }
@@ -437,7 +442,7 @@ mod tests {
         let with = |field: &str, value: &str| {
             let mut next = shipped.clone();
             next.insert(field.to_owned(), value.to_owned());
-            loosened(Before::Known(&shipped), Some(&shipped), &next).len()
+            loosened(Before::Known(&shipped), &shipped, &next).len()
         };
         assert_eq!(with("monitor.new_limit", "3"), 1, "nobody knows which way it is looser");
         assert_eq!(with("policy.arm/direct in human at authority 3", "review"), 1);
@@ -451,10 +456,11 @@ mod tests {
     #[test]
     fn what_was_not_on_record_is_said_to_be_unknown() {
         let shipped = shipped(ProfileName::Real);
-        let found = loosened(Before::Unknown, Some(&shipped), &shipped);
+        let found = loosened(Before::Unknown, &shipped, &shipped);
         assert_eq!(found.len(), 1);
         assert_eq!((&*found[0].field, &*found[0].before), ("profile", "not on record"));
-        assert_eq!(loosened(Before::Nothing, Some(&shipped), &shipped), []);
+        assert!(told(&found).contains("not on record, 0 fields are looser than"), "{}", told(&found));
+        assert_eq!(loosened(Before::Nothing, &shipped, &shipped), []);
     }
 
     #[test]

@@ -155,6 +155,28 @@ impl OwnProfile {
         Ok(Self { texts, profile, table })
     }
 
+    /// As [`OwnProfile::parse`], of texts that an earlier version of the program took: a field that came into the program since is
+    /// as in the shipped profile of its class, one that went out of it is left out, and a number needs no reason for differing
+    /// from what was shipped otherwise then. Whoever authorizes a profile is shown both.
+    ///
+    /// # Errors
+    /// As [`OwnProfile::parse`], if that does not help.
+    pub fn carried(texts: ProfileTexts) -> Result<Self, OwnProfileError> {
+        let error = match Self::parse(texts.clone()) {
+            Err(error @ OwnProfileError::Profile(_)) => error,
+            parsed => return parsed,
+        };
+        let Some(text) = carried_text(&texts.profile) else { return Err(error) };
+        let profile = Profile::parse(&texts.file, &text)?;
+        if profile.site.is_none() || profile.looser_than_class().is_some() {
+            return Err(error);
+        }
+        let source = PolicySource { file: &texts.policy_file, text: &texts.policy };
+        let table = PolicyTable::compile(&profile, &[source])?;
+        too_open(&profile, &table, &texts.policy_file)?;
+        Ok(Self { texts, profile, table })
+    }
+
     /// The numbers.
     #[must_use]
     pub const fn profile(&self) -> &Profile {
@@ -172,6 +194,27 @@ impl OwnProfile {
     pub const fn site(&self) -> Option<&SiteName> {
         self.profile.site.as_ref()
     }
+}
+
+/// The shipped profile of a text's class with what the text says of its fields.
+fn carried_text(text: &str) -> Option<String> {
+    fn lay_over(fields: &mut toml::Table, own: toml::Table) {
+        for (name, value) in own {
+            match (fields.get_mut(&name), value) {
+                (Some(toml::Value::Table(fields)), toml::Value::Table(own)) => lay_over(fields, own),
+                (Some(field), value) if field.same_type(&value) => *field = value,
+                (None, value) if ["site", "freeze"].contains(&name.as_str()) => {
+                    fields.insert(name, value);
+                }
+                (Some(_) | None, _) => {}
+            }
+        }
+    }
+    let own: toml::Table = text.parse().ok()?;
+    let class: ProfileName = own.get("name")?.as_str()?.parse().ok()?;
+    let mut fields: toml::Table = Profile::builtin_text(class).1.parse().ok()?;
+    lay_over(&mut fields, own);
+    Some(fields.to_string())
 }
 
 /// Beside a person, and where the cell is real, nothing goes past the guard; beside a person what is of high risk is
@@ -241,6 +284,37 @@ mod tests {
             let numbers = ChosenProfile::from(name).numbers().unwrap();
             assert!(numbers.len() > 50 && numbers.iter().all(|number| number.reason.is_some()), "{name}");
         }
+    }
+
+    /// A field that the program of then did not have, one that it had, and a number that was shipped then.
+    #[test]
+    fn texts_of_an_earlier_version_are_carried_over() {
+        let number = |line: &str| {
+            let (name, _) = line.split_once('=').unwrap();
+            HUMAN.lines().find(|known| known.starts_with(name)).unwrap().to_owned()
+        };
+        let slow = number("slow_factor = ");
+        let then = line_4("retries_max = 1 ", "gone = 7\nretries_max = 0 ").replace(&slow, "");
+        let then = then.replace("valid_s = 900.0 ", "valid_s = 850.0\n#");
+        let texts = |profile: &str| ProfileTexts {
+            file: "line-4.toml".to_owned(),
+            profile: profile.to_owned(),
+            policy_file: "line-4.cedar".to_owned(),
+            policy: POLICY.to_owned(),
+        };
+        assert!(OwnProfile::parse(texts(&then)).is_err());
+        let carried = OwnProfile::carried(texts(&then)).unwrap();
+        let shipped = Profile::builtin(ProfileName::Human).unwrap();
+        assert_eq!(carried.texts.profile, then, "the texts stay as they were");
+        assert_eq!((carried.profile.runtime.retries_max, carried.profile.approval.valid_s), (0, 850.0));
+        assert_eq!(carried.profile.monitor.slow_factor, shipped.monitor.slow_factor);
+        assert_eq!(carried.site().map(ToString::to_string).as_deref(), Some("line-4"));
+        // What this version takes is carried as it is, and what cannot be meant is still refused.
+        let now = line_4("timeout_s = 600.0 ", "timeout_s = 500.0 ");
+        let same = OwnProfile::parse(texts(&now)).unwrap();
+        assert_eq!(OwnProfile::carried(texts(&now)).unwrap().profile, same.profile);
+        assert!(OwnProfile::carried(texts(&now.replace("timeout_s = 500.0 ", "timeout_s = -1.0 "))).is_err());
+        assert!(OwnProfile::carried(texts(&now.replace("retries_max = 1 ", "retries_max = 3 "))).is_err());
     }
 
     #[test]

@@ -472,6 +472,11 @@ impl Profile {
         class::looser_than_allowed(self).or_else(|| self.unreasoned(text))
     }
 
+    /// Where it is looser than its class may be: field, value, what is allowed.
+    pub(crate) fn looser_than_class(&self) -> Option<(String, String, String)> {
+        class::looser_than_allowed(self)
+    }
+
     /// A number that differs from the shipped profile of its class and has no reason of its own.
     fn unreasoned(&self, text: &str) -> Option<(String, String, String)> {
         let shipped = fields::numbers(&Self::builtin(self.name).ok()?);

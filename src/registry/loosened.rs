@@ -400,6 +400,9 @@ impl Applier<'_> {
 mod tests {
     use super::*;
     use ProfileName::{Human, Real, Sim};
+    use holdpoint_governance::policy::PolicyTable;
+    use holdpoint_governance::profile::Profile;
+    use holdpoint_governance::profile::fields::{FIELDS, Field, Tighter};
 
     fn rules(text: &str, is_looser: bool) -> ContextRules {
         let one = Loosened {
@@ -471,6 +474,42 @@ mod tests {
         course.allow(5, Human, Some(course.change_to(&rules("a", false))));
         course.set(6, Human, false, Some(rules("a", false))).unwrap();
         assert!(course.set(7, Human, false, Some(next)).is_err());
+    }
+
+    /// The blind mutant: each number of the table alone, moved to where it is looser, in a profile that parses.
+    #[test]
+    fn no_number_alone_is_looser_without_an_authorization() {
+        for class in [Real, Human] {
+            let shipped = Profile::builtin(class).unwrap();
+            let table = PolicyTable::builtin(&shipped).unwrap();
+            let of = |profile: &Profile| Rules::of(profile, &table).unwrap();
+            let as_shipped = ProfileCourse::default().next(&of(&shipped), false);
+            let mut begun = ProfileCourse::default();
+            begun.set(1, class, false, Some(as_shipped)).unwrap();
+            for Field { path, lowest, highest, tighter, .. } in FIELDS {
+                let mut value = serde_json::to_value(&shipped).unwrap();
+                let pointer = format!("/{}", path.replace('.', "/"));
+                let number = value.pointer_mut(&pointer).unwrap();
+                let now = number.as_f64().unwrap();
+                let loosest = match tighter {
+                    Tighter::Lower => highest,
+                    Tighter::Higher => lowest,
+                    Tighter::Neither if now > *lowest => lowest,
+                    Tighter::Neither => highest,
+                };
+                if (loosest - now).abs() < f64::EPSILON {
+                    continue;
+                }
+                // A whole number is kept as one.
+                *number = serde_json::from_str(&loosest.to_string()).unwrap();
+                let loose = of(&serde_json::from_value(value).unwrap());
+                for (course, seq) in [(&ProfileCourse::default(), 1), (&begun, 2)] {
+                    let next = course.next(&loose, false);
+                    let refused = course.check(seq, class, &next).unwrap_err();
+                    assert!(refused.contains(&format!("1 field is looser: {path}")), "{class}: {refused}");
+                }
+            }
+        }
     }
 
     #[test]

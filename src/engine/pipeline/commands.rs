@@ -246,6 +246,9 @@ impl Pipeline {
         if let Some(why) = self.record.holding() {
             return refuse_held(why);
         }
+        if let Some(why) = &self.context.unauthorized {
+            return refuse_unauthorized(why);
+        }
         match self.try_launch(id, stage) {
             Ok(reply) => reply,
             Err(fault) => match fault.refusal() {

@@ -117,6 +117,7 @@ struct Case {
     unmet: Vec<String>,
     review_open: bool,
     requester: Requester,
+    profile_authorized: bool,
     improved: bool,
     now_s: f64,
     policy: Digest,
@@ -139,6 +140,7 @@ impl Case {
             unmet: Vec::new(),
             review_open: false,
             requester: Requester::Script,
+            profile_authorized: true,
             improved: false,
             now_s: 100.0,
             policy: table.digest,
@@ -163,7 +165,7 @@ impl Case {
             closed: &self.closed,
             unmet: &self.unmet,
             review_open: self.review_open,
-            profile_authorized: true,
+            profile_authorized: self.profile_authorized,
             now_s: self.now_s,
             row_version: 7,
             made_under: holdpoint_governance::decision::MadeUnder { policy: self.policy, ..made_under() },
@@ -242,7 +244,7 @@ fn what_closes_the_gate() {
     let refused =
         ApprovalResult { outcome: ApprovalOutcome::Refused { person: "ann".into() }, reasons: Vec::new() };
     let timed_out = ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons: Vec::new() };
-    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 24] = [
+    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 25] = [
         ("nothing", ProfileName::Sim, |_| (), Pass, GatePassed),
         (
             "I fails",
@@ -317,6 +319,7 @@ fn what_closes_the_gate() {
             GateRequesterUnknown,
         ),
         ("review open", ProfileName::Sim, |c| c.review_open = true, Hold, GateReviewOpen),
+        ("nobody signed", ProfileName::Real, |c| c.profile_authorized = false, Hold, GateProfileUnauthorized),
         (
             "profile closed",
             ProfileName::Real,

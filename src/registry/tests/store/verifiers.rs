@@ -168,6 +168,8 @@ fn an_exported_store_is_sound_for_both_verifiers() {
         assert_eq!((report.heads, report.approvals), (whole.checkpoints + 1, whole.approvals));
         assert!(lines.iter().all(|line| line.bytes().all(|byte| (b' '..=b'~').contains(&byte))));
     }
+    // And so is what an earlier version wrote, with a word on a class of profile.
+    both(Path::new("../../tests/fixtures/store-d43131bc/export.jsonl")).unwrap();
     let other = holdpoint_approvals::keyfile::generate().unwrap().verifying_key();
     assert!(verify_export(&file, Some(&other)).unwrap_err().to_string().contains("another public key"));
 }
