@@ -123,7 +123,8 @@ fn asked(folder: &Path, switch: &Switch, command: Command) -> (Duration, Duratio
 fn register(folder: &Path, candidate: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates").join(candidate);
     let package = capability::read(&path).unwrap();
-    let reply = client(folder).ask(Command::Register { package, name: candidate.to_owned() }).unwrap();
+    let reply =
+        client(folder).ask(Command::Register { package, name: candidate.to_owned(), by: None }).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
@@ -181,6 +182,7 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
         client(folder.path()).ask(Command::Shutdown).unwrap();
         engine.join().unwrap();
         verify(&Layout::new(folder.path()).database(), None).unwrap();
+        println!("{} of {wanted} measured", told.len());
     }
     for (what, times) in [("the arm told to stand", &mut told), ("answered", &mut answered)] {
         times.sort_unstable();

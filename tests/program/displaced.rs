@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 
 use holdpoint::engine::door::{Client, socket_path};
 use holdpoint::engine::halt::recall;
+use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply, StopKept};
-use holdpoint::registry::{Layout, Views};
+use holdpoint::registry::{AuditFilter, Layout, Views};
 
 use crate::door::{PATIENCE, client, engine};
 
@@ -142,6 +143,10 @@ fn a_stop_beside_the_database_stops_the_next_engine() {
         assert!(!mark(&layout).exists(), "{text}: it is on record");
         assert!(matches!(client(folder.path()).ask(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
         second.join().unwrap();
-        assert!(recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some());
+        let views = Views::open(&layout.database()).unwrap();
+        assert!(recall(&views).unwrap().is_some());
+        let stops = AuditFilter { kind: Some(RecordKind::CellStopped), ..AuditFilter::default() };
+        let stops = views.audit(&stops).unwrap();
+        assert!(stops.len() == 1 && stops[0].body.contains("\"code\":\"unrecorded-stop\""), "{stops:?}");
     }
 }

@@ -125,7 +125,9 @@ fn an_answered_stop_is_in_force_after_a_kill_whatever_lay_in_the_place_of_its_ma
     assert!(now.to_string().contains("ana"), "{now}");
     let stops = records(&store, RecordKind::CellStopped);
     assert_eq!(stops.len(), 1, "{stops:?}");
-    assert_eq!((stops[0]["by"].as_str(), stops[0]["code"].as_str()), (Some("ana"), Some("unrecorded-stop")));
+    assert_eq!(stops[0]["by"].as_str(), Some("ana"));
+    let alarms = records(&store, RecordKind::AlarmChanged);
+    assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
     assert!(holdpoint(&store, &["status"]).stdout.windows(7).any(|word| word == b"STOPPED"));
     second.ends(&store);
 }
