@@ -1,6 +1,6 @@
-//! The mark by which a stop is asked for in the store's folder, so that it depends on nobody who answers at a socket.
+//! The mark by which a stop is asked for in the store's folder, so that it does not depend on who answers at a socket.
 //!
-//! Whoever may write to the folder makes the file `stop.asked` with the id of the stop in it, and shares its lock. The
+//! A program that may write to the folder makes the file `stop.asked` with the id of the stop in it, and shares its lock. The
 //! engine's watch sees it, halts the arm, and then shares the lock as well: that is the answer, for the kernel tells
 //! whose process shares a lock, and the store's lock is held by the engine alone. Once the stop is on record, or kept
 //! beside the database, the mark is removed; as long as something lies there the cell is not let go.
@@ -10,6 +10,7 @@
 use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -19,11 +20,16 @@ use std::time::{Duration, Instant};
 use holdpoint_protocol::wire::ID_BYTES_MAX;
 use holdpoint_registry::{Layout, lock_sharers};
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
+use rustix::fs::{AtFlags, CWD, OFlags, linkat};
 use serde::{Deserialize, Serialize};
 
 use crate::caller;
 use crate::operations::REASON_BYTES_MAX;
 use crate::world::switch::{AskedStop, Switch};
+
+/// A file that has no name yet (`open(2)`).
+#[allow(clippy::cast_possible_wrap, reason = "a flag's bits, which the kernel takes as they are")]
+const NAMELESS: i32 = OFlags::TMPFILE.bits() as i32;
 
 /// How often the folder is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
@@ -37,7 +43,7 @@ const WRITTEN_LOOKS: u32 = 10;
 /// Time between two looks at a mark that is not complete.
 const WRITTEN_LOOK: Duration = Duration::from_millis(2);
 
-/// How long the lock of a mark is shared: whoever made it looks for that at once.
+/// How long the lock of a mark is shared: its maker looks for that at once.
 const ANSWER_KEPT: Duration = Duration::from_secs(10);
 
 /// The most marks whose lock is shared at a time.
@@ -63,12 +69,29 @@ impl OwnMark {
     pub fn put(layout: &Layout, id: &str, by: &str, reason: &str) -> io::Result<Self> {
         let text = MarkText { id: id.to_owned(), by: by.to_owned(), reason: reason.to_owned() };
         let text = serde_json::to_string(&text)?;
+        match Self::put_whole(layout, &text) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => Self::put_by_name(layout, &text),
+            put => put,
+        }
+    }
+
+    /// Without a name until it is complete: the engine never sees a part of it.
+    fn put_whole(layout: &Layout, text: &str) -> io::Result<Self> {
         let mut options = OpenOptions::new();
-        let mut file =
-            options.read(true).write(true).create_new(true).mode(0o600).open(layout.stop_asked())?;
-        // The kernel tells the engine by this whose process asks. Without it the stop is only nameless.
-        drop(file.try_lock_shared());
-        file.write_all(text.as_bytes())?;
+        options.read(true).write(true).mode(0o600).custom_flags(NAMELESS);
+        let mut file = options.open(layout.folder())?;
+        write_shared(&mut file, text)?;
+        let open = format!("/proc/self/fd/{}", file.as_raw_fd());
+        linkat(CWD, open, CWD, layout.stop_asked(), AtFlags::SYMLINK_FOLLOW)?;
+        Ok(Self(file))
+    }
+
+    /// Where the file system has no files without a name.
+    fn put_by_name(layout: &Layout, text: &str) -> io::Result<Self> {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create_new(true).mode(0o600);
+        let mut file = options.open(layout.stop_asked())?;
+        write_shared(&mut file, text)?;
         Ok(Self(file))
     }
 
@@ -80,7 +103,7 @@ impl OwnMark {
         open(layout).map(Self)
     }
 
-    /// Whether a process shares the lock of the mark, beside whoever made it.
+    /// Whether a process shares the lock of the mark, beside the maker.
     #[must_use]
     pub fn is_shared_by(&self, process: i32) -> bool {
         let own = i32::try_from(std::process::id()).unwrap_or(0);
@@ -90,6 +113,12 @@ impl OwnMark {
         }
         sharers.contains(&process)
     }
+}
+
+/// By the shared lock the kernel tells the engine whose process asks; without it only that is missing.
+fn write_shared(file: &mut File, text: &str) -> io::Result<()> {
+    drop(file.try_lock_shared());
+    file.write_all(text.as_bytes())
 }
 
 /// What lies in the place of the mark.
@@ -217,7 +246,7 @@ fn complete(layout: &Layout) -> Option<FoundMark> {
             break;
         }
         std::thread::sleep(WRITTEN_LOOK);
-        // Whoever takes it away meanwhile has asked for a stop all the same.
+        // One that is taken away meanwhile asked for a stop all the same.
         found = look(layout).unwrap_or(found);
     }
     Some(found)

@@ -14,6 +14,10 @@ use rustix::fs::{FlockOperation, fcntl_lock, major, minor};
 /// The most of the kernel's list of locks that is read, bytes; a line has some 60.
 const LOCKS_BYTES_MAX: u64 = 4 << 20;
 
+/// How often the list is read for a lock that somebody holds. It comes in parts, and a line is left out where another
+/// process gives a lock back between two of them.
+const LOOKS_MAX: usize = 20;
+
 /// The most of what the kernel says of one open file, bytes.
 const FDINFO_BYTES_MAX: u64 = 64 << 10;
 
@@ -36,25 +40,22 @@ pub fn lock_holder(folder: &Path) -> LockHolder {
         Err(error) if error.kind() == ErrorKind::NotFound => return LockHolder::Nobody,
         Err(_) => return LockHolder::Untold,
     };
-    let Ok(locks) = read_limited("/proc/locks", LOCKS_BYTES_MAX) else { return LockHolder::Untold };
-    let by_stat = KernelName::of(&found);
-    if let Some(process) = holders(&locks, &by_stat, "WRITE").next() {
-        return LockHolder::Process(process);
-    }
-    let Ok(file) = File::open(folder) else { return LockHolder::Untold };
-    // Some file systems (btrfs, overlayfs) have another device number here than in the list.
-    if let Some(name) = KernelName::learned(&file).filter(|name| *name != by_stat)
-        && let Some(process) = holders(&locks, &name, "WRITE").next()
-    {
-        return LockHolder::Process(process);
-    }
-    match file.try_lock_shared() {
-        Ok(()) => {
-            drop(file.unlock());
-            LockHolder::Nobody
+    let file = File::open(folder).ok();
+    let mut names = vec![KernelName::of(&found)];
+    for look in 0..LOOKS_MAX {
+        let Ok(locks) = read_limited("/proc/locks", LOCKS_BYTES_MAX) else { return LockHolder::Untold };
+        if let Some(process) = names.iter().find_map(|name| holders(&locks, name, "WRITE").next()) {
+            return LockHolder::Process(process);
         }
-        Err(_) => LockHolder::Untold,
+        let Some(file) = file.as_ref().filter(|_| look == 0) else { continue };
+        if file.try_lock_shared().is_ok() {
+            drop(file.unlock());
+            return LockHolder::Nobody;
+        }
+        // Some file systems (btrfs, overlayfs) have another device number here than in the list.
+        names.extend(KernelName::learned(file));
     }
+    LockHolder::Untold
 }
 
 /// The processes that share the lock of an open file, one entry for each lock.
@@ -102,7 +103,7 @@ struct Lock<'a> {
 }
 
 impl<'a> Lock<'a> {
-    /// `1: FLOCK  ADVISORY  WRITE 712 fe:00:5414914 0 EOF`; a line of whoever waits for a lock is none.
+    /// `1: FLOCK  ADVISORY  WRITE 712 fe:00:5414914 0 EOF`; a line about a process that waits for a lock is none.
     fn read(line: &'a str) -> Option<Self> {
         let mut fields = line.split_whitespace().skip(1);
         let kind = fields.next().filter(|kind| *kind != "->")?;

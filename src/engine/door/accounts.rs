@@ -10,7 +10,7 @@ pub(super) enum Accounts {
         /// Its number.
         uid: u32,
     },
-    /// Members of the group of the seats' socket. The kernel let nobody else connect to it.
+    /// Members of the group of the seats' socket. The kernel lets no others connect to it.
     Seats,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! The peer's process is that of the socket's credentials; the engine's is the one that holds the lock of the folder in
 //! which the socket lies. A program of the same account can read every key and cannot be kept out by any handshake;
-//! this is so that it fools nobody quietly.
+//! this is so that it is seen.
 
 use std::fmt;
 use std::path::Path;

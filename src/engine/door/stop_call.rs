@@ -1,5 +1,5 @@
 //! A stop of the cell, asked of the engine in another process: by a mark in the store's folder and over the socket at
-//! once. It counts as one stop, and is confirmed by nobody but the process that has the store.
+//! once. It counts as one stop, and the process that has the store alone confirms it.
 
 use std::io::ErrorKind;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -29,13 +29,13 @@ const LOOK_EVERY: Duration = Duration::from_millis(5);
 pub const NOT_CONFIRMED_HINT: &str =
     "press the emergency stop of the cell; `holdpoint status` shows what the store says";
 
-/// What is said of a stop that nobody confirmed.
+/// The text for a stop that was not confirmed.
 #[must_use]
 pub fn not_confirmed(why: &str) -> String {
     format!("it is NOT CONFIRMED that the arm is stopped: {why}")
 }
 
-/// What is said of a stop that the engine took from the store's folder.
+/// The text for a stop that the engine took from the store's folder.
 #[must_use]
 pub fn stopped_by_mark(instead: &str) -> String {
     format!("the cell is stopped: the process that has the store took the stop from its folder ({instead})")
@@ -101,7 +101,7 @@ impl StopCall {
     pub fn ask(&self, layout: &Layout) -> StopOutcome {
         let until = Instant::now() + CONFIRMED_WITHIN;
         let mut mark = AskedMark::default();
-        // It lies there before anything is asked over the socket: whoever answers, the engine sees it.
+        // It lies there before anything is asked over the socket: the engine sees it whatever answers there.
         mark.put(layout, self);
         let (tell, told) = sync_channel(1);
         let (request, of) = (self.request.clone(), layout.clone());
@@ -216,7 +216,7 @@ fn ask_socket(layout: &Layout, request: &Request, until: Instant, tell: &SyncSen
         }
         std::thread::sleep(LOOK_EVERY);
     };
-    // Whoever asked may have heard enough.
+    // The caller may have heard enough.
     drop(tell.try_send(said));
 }
 

@@ -181,3 +181,13 @@ fn a_seat_that_reads_nothing_is_marked() {
     assert!(screen(&console, 140, 36).contains("with bert, NOT READING (Alarms)"));
     assert!(screen(&console, 120, 36).contains("NOT READING"), "{}", screen(&console, 120, 36));
 }
+
+#[test]
+fn whoever_is_not_known_to_be_the_engine_is_named_in_the_first_line() {
+    let mut console = TestConsole::new(0);
+    let said = |console: &TestConsole| screen(console, 100, 30).contains("NOT KNOWN TO COME FROM THE ENGINE");
+    console.tell(MsgKind::Seated(Some(7), holdpoint_engine::door::Origin::Untold.doubt()));
+    assert!(said(&console));
+    console.tell(MsgKind::Seated(Some(8), None));
+    assert!(!said(&console));
+}
