@@ -14,6 +14,9 @@ use rustix::fs::{FlockOperation, fcntl_lock, major, minor};
 /// The most of the kernel's list of locks that is read, bytes; a line has some 60.
 const LOCKS_BYTES_MAX: u64 = 4 << 20;
 
+/// How much room there is for a read, bytes.
+const READ_BYTES: usize = 64 << 10;
+
 /// How often the list is read for a lock that somebody holds. It comes in parts, and a line is left out where another
 /// process gives a lock back between two of them.
 const LOOKS_MAX: usize = 20;
@@ -121,7 +124,8 @@ fn holders<'a>(locks: &'a str, name: &'a KernelName, mode: &'a str) -> impl Iter
 }
 
 fn read_limited(path: &str, bytes_max: u64) -> std::io::Result<String> {
-    let mut text = String::new();
+    // The kernel keeps the list still for one read alone: it is asked for in large ones.
+    let mut text = String::with_capacity(READ_BYTES);
     File::open(path)?.take(bytes_max).read_to_string(&mut text)?;
     Ok(text)
 }
