@@ -13,7 +13,7 @@ use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
-use holdpoint_governance::risk::{RiskCause, RiskClass};
+use holdpoint_governance::risk::RiskCause;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure, ModeView, RegistryPage, WhyView};

@@ -165,7 +165,7 @@ fn an_answer_over_anything_else_than_was_asked_is_refused() {
         ("a line is added", |ours, _| ours.lines.push("all is well".to_owned()), "the lines that were shown"),
         (
             "a fact is altered",
-            |ours, _| ours.facts = ours.facts.replace("\"author\":\"", "\"author\":\"tuv-"),
+            |ours, _| ours.facts = ours.facts.replace("\"robot\":\"", "\"robot\":\"tuv-"),
             "the facts that were shown",
         ),
         ("blanks in the facts", |ours, _| ours.facts.insert(1, ' '), "the facts that were shown"),
@@ -253,7 +253,8 @@ fn copied(folder: &Path, from: &str, to: &str) -> Identity {
 fn the_authors_key_under_another_name_approves_nothing() {
     for scripted in [true, false] {
         let (mut bench, folder) = waiting(ProfileName::Human, scripted);
-        let author = bench.pipeline.snapshot().prompts[0].author.clone();
+        let told = bench.pipeline.snapshot().prompts[0].author.clone();
+        let author = told.split(' ').next().unwrap().to_owned();
         let themselves = protected(&mut bench, &author);
         let alias = copied(&folder, &author, "alias");
         refused(&approve(&mut bench, &alias), &["alias is not enrolled", "identity enrol alias"]);

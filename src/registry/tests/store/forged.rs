@@ -111,10 +111,20 @@ fn of_approval(approval: &Node) -> Option<Digest> {
         vec![&not_after],
     ]
     .concat();
-    if approval.is_true(&["break_glass"]) {
-        parts.push(b"break-glass");
-    }
-    Some(Digest::of_parts("holdpoint/approval/v1", &parts))
+    let alone = approval.is_true(&["break_glass"]);
+    let Some(renderer) = approval.number(&["shown", "renderer"]) else {
+        if alone {
+            parts.push(b"break-glass");
+        }
+        return Some(Digest::of_parts("holdpoint/approval/v1", &parts));
+    };
+    let renderer = u32::try_from(renderer).ok()?.to_le_bytes();
+    let (lines, facts) = (digits(approval, &["shown", "lines"])?, digits(approval, &["shown", "facts"])?);
+    let told = |name| approval.text(&["shown", name]).map(str::as_bytes);
+    let over: [&[u8]; 4] = [if alone { b"break-glass" } else { b"" }, &renderer, &lines, &facts];
+    parts.extend(over);
+    parts.extend([told("store_key")?, told("request")?]);
+    Some(Digest::of_parts("holdpoint/approval/v2", &parts))
 }
 
 fn of_record(record: &Node) -> Option<Digest> {
