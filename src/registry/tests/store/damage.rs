@@ -335,7 +335,7 @@ fn flipped_bits_are_found_or_harmless() {
         }
     }
     // Most of so small a file is free space, where a flip changes nothing.
-    assert!(found > FLIPS / 10, "only {found} of {FLIPS} flips were found");
+    assert!(found > FLIPS / 20, "only {found} of {FLIPS} flips were found");
 }
 
 /// Whoever can write the file can put a number there that nothing comes after.
