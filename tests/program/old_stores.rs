@@ -256,8 +256,9 @@ fn it_activates_nothing_until_an_administrator_signs_the_profile_as_this_program
     says(&holdpoint(&folder, &["explain", "align@1.1.1"]), 0, &["gate-profile-unauthorized"]);
     // It comes up, and what takes authority away is done.
     let rollback = ["rollback", "grasp", "--as", "omar", "--reason", "a try"];
-    says(&holdpoint(&folder, &rollback), 0, &[]);
-    says(&holdpoint(&folder, &["status"]), 0, &["grasp: active grasp@1.0.0", "NOT AUTHORIZED"]);
+    // The arm stands, so that nobody takes over either.
+    says(&holdpoint(&folder, &rollback), 3, &["grasp@1.1.0 is rolled back", "no version of grasp is active"]);
+    says(&holdpoint(&folder, &["status"]), 0, &["version  grasp@1.1.0: rolled-back", "NOT AUTHORIZED"]);
     says(&holdpoint(&folder, &["candidate", "compat", "align@1.1.1"]), 3, &["no administrator authorized"]);
     assert!(printed(&folder, &["audit", "list", "--kind", "family-voided"]).is_empty());
     let words = folder.path().join("words");
