@@ -12,6 +12,7 @@ pub mod candidate;
 pub mod chosen;
 pub mod completions;
 #[cfg(feature = "console")]
+mod confirm_time;
 mod console;
 mod context;
 pub mod data;
@@ -132,6 +133,8 @@ pub enum Verb {
     Go(stop::GoArgs),
     /// Says what the agent of the live cell works towards.
     Goal(stop::GoalArgs),
+    /// Confirms what the machine's clock says, where it was set; nothing is activated before.
+    ConfirmTime(confirm_time::ConfirmTimeArgs),
     /// Leaves a note for those who come after.
     Note(stop::NoteArgs),
     /// Sends a version back to evaluation, or closes profiles to it.
@@ -251,6 +254,9 @@ pub fn dispatch(cli: &Cli, engine: &mut dyn EngineVerbs, out: &mut Output<'_>) -
         Some(Verb::Stop(args)) => engine.decide(&context()?, &AskedDecision::Stop(args.clone()), out),
         Some(Verb::Go(args)) => engine.decide(&context()?, &AskedDecision::Go(args.clone()), out),
         Some(Verb::Goal(args)) => engine.decide(&context()?, &AskedDecision::Goal(args.clone()), out),
+        Some(Verb::ConfirmTime(args)) => {
+            engine.decide(&context()?, &AskedDecision::ConfirmTime(args.clone()), out)
+        }
         Some(Verb::Note(args)) => engine.decide(&context()?, &AskedDecision::Note(args.clone()), out),
         Some(Verb::Pause(args)) => engine.decide(&context()?, &AskedDecision::Pause(args.clone()), out),
         Some(Verb::Resume(args)) => engine.decide(&context()?, &AskedDecision::Resume(args.clone()), out),

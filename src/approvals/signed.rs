@@ -12,6 +12,7 @@ use super::shown::ShownQuestion;
 use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_text::Hint;
 
 /// Separates these bytes from everything else that is ever signed. Of a decision over nothing that was shown: those of
@@ -115,7 +116,8 @@ pub struct Approval {
     /// The store it was made for.
     pub store_id: String,
     pub nonce: Nonce,
-    /// Virtual time from which it is void, ms.
+    /// From when on it is void, ms since 1970 by the machine's clock. Earlier versions wrote milliseconds of their engine's
+    /// clock, which lie in 1970: what was signed then has run out.
     pub not_after_ms: u64,
     /// Whether it is an emergency (break-glass) approval; signed with the rest, so that neither passes for the other.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -129,6 +131,12 @@ pub struct Approval {
 const BREAK_GLASS: &[u8] = b"break-glass";
 
 impl Approval {
+    /// From when on it is void.
+    #[must_use]
+    pub fn not_after(&self) -> WallTime {
+        WallTime::from_ms(i64::try_from(self.not_after_ms).unwrap_or(i64::MAX))
+    }
+
     /// The bytes that are signed: every field with its length, behind a domain tag.
     #[must_use]
     pub fn bytes(&self) -> [u8; 32] {

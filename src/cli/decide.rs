@@ -14,6 +14,7 @@ use clap::Args;
 
 pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 
+use super::confirm_time::{self, ConfirmTimeArgs};
 use super::data;
 use super::passphrase;
 use super::side::{Side, running, told};
@@ -59,6 +60,8 @@ pub enum AskedDecision {
     Go(GoArgs),
     /// To give the agent a goal.
     Goal(GoalArgs),
+    /// To confirm the time.
+    ConfirmTime(ConfirmTimeArgs),
     /// To leave a note.
     Note(NoteArgs),
     /// To evaluate a version again.
@@ -228,6 +231,7 @@ pub(super) fn run(
         AskedDecision::Stop(args) => stop::stop(context, args, out),
         AskedDecision::Go(args) => stop::go(context, args, out),
         AskedDecision::Goal(args) => stop::goal(context, args, out),
+        AskedDecision::ConfirmTime(args) => confirm_time::run(context, args, out),
         AskedDecision::Note(args) => stop::note(context, args, out),
     }
 }

@@ -15,9 +15,9 @@ use crate::error::{CliError, Exit};
 use holdpoint_engine::bound;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::observed::{self, Coverage, Since, StoreMetrics};
+use holdpoint_governance::calendar;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::observed::{ObservedMetrics, Replay, Spread};
-use holdpoint_protocol::calendar;
 use holdpoint_registry::{Layout, TelemetryViews};
 
 /// Days of the longest span that can be asked for.

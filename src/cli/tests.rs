@@ -75,6 +75,7 @@ impl EngineVerbs for Recorder {
             AskedDecision::Stop(args) => format!("stop {:?}", args.who),
             AskedDecision::Go(args) => format!("go {}", args.signature.identity),
             AskedDecision::Goal(args) => format!("goal {} {}", args.goal, args.signature.identity),
+            AskedDecision::ConfirmTime(args) => format!("confirm-time {}", args.signature.identity),
             AskedDecision::Note(args) => format!("note {}", args.signature.identity),
             AskedDecision::Repeat(args) => format!("repeat {} {}", args.version, args.stage),
             AskedDecision::Release(args) => format!("release {} {:?}", args.version, args.profile),

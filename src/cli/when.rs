@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::metrics::span_ms;
 use holdpoint_engine::health_series::Present;
-use holdpoint_protocol::calendar::{self, DAY_MS};
+use holdpoint_governance::calendar::{self, DAY_MS};
 use holdpoint_protocol::health::HealthClock;
 
 /// A moment, as it is written.

@@ -11,6 +11,7 @@ use serde_json::Value;
 use super::words::seconds;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::wall_time::WallTime;
 
 /// Content that a sentence is made from, bytes; a longer one is named by its kind.
 const BODY_BYTES_MAX: usize = 64 * 1024;
@@ -98,6 +99,7 @@ const fn is_of_people(kind: RecordKind) -> bool {
             | RecordKind::Shown
             | RecordKind::Asked
             | RecordKind::AlarmReset
+            | RecordKind::ClockConfirmed
             | RecordKind::GoalSet
             | RecordKind::PaceSet
             | RecordKind::ShiftNote
@@ -265,7 +267,11 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
             format!("evidence of the {}, digest {}", told.text("kind")?, told.digest("digest"))
         }
         RecordKind::ApprovalRequested => {
-            let until = told.find("deadline_ms").and_then(Value::as_u64).map(seconds);
+            let until = told.find("deadline_ms").and_then(Value::as_u64).map(|ms| {
+                let until = WallTime::from_ms(i64::try_from(ms).unwrap_or(i64::MAX));
+                // Earlier versions counted in the engine's time.
+                if until < WallTime::SCRIPT_EPOCH { seconds(ms) } else { until.spoken() }
+            });
             let until = until.map_or_else(String::new, |until| format!(" by {until}"));
             format!("{} to decide{until}{}", told.text("needed")?, told.with("; now ", "state"))
         }
@@ -329,6 +335,12 @@ fn known(kind: RecordKind, told: &Told<'_>) -> Option<String> {
             None => "the live cell works as fast as it computes".to_owned(),
         },
         RecordKind::ShiftNote => format!("{} notes{}", somebody(), told.with(": ", "text")),
+        RecordKind::ClockDoubted => {
+            "the machine's clock is not believed until a person confirms the time".to_owned()
+        }
+        RecordKind::ClockConfirmed => {
+            format!("{} confirmed the time, {}{}", somebody(), told.text("time")?, told.with(": ", "reason"))
+        }
         RecordKind::AlarmReset => format!("{} reset it{}", somebody(), told.with(": ", "reason")),
         RecordKind::Asked => {
             let user =

@@ -8,7 +8,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
 
 /// A command with an argument: name, argument, help.
-pub const WITH_ARGUMENT: [(&str, &str, &str); 12] = [
+pub const WITH_ARGUMENT: [(&str, &str, &str); 13] = [
     ("as", "NAME", "Sit down as this identity"),
     ("candidate", "VERSION", "Show a version in full"),
     ("close", "PROFILE", "Close a profile to the version under the cursor, reason required"),
@@ -16,6 +16,11 @@ pub const WITH_ARGUMENT: [(&str, &str, &str); 12] = [
     ("drift", "KIND MAGNITUDE | off", "Let a drift set in in the simulated cell, or end it"),
     ("export", "", "Export this view as text and JSON"),
     ("goal", "GOAL", "Say what the agent of the live cell works towards, reason required"),
+    (
+        "confirm-time",
+        "",
+        "Confirm what the machine's clock says, where it was set; nothing is activated before",
+    ),
     ("note", "[TEXT]", "Leave a note for those who come after: on record, and marked in Health"),
     ("open", "PROFILE", "Open a profile to the version under the cursor again, reason required"),
     ("pace", "N | max", "Simulated seconds in a second of the live cell"),
@@ -43,6 +48,8 @@ pub enum Asked {
     Profile(ProfileName, bool),
     /// What the agent works towards, in words for its interpreter.
     Goal(String),
+    /// The machine's clock is to be believed.
+    ConfirmTime,
     /// A note for those who come after.
     Note(String),
 }
@@ -59,6 +66,7 @@ impl Asked {
             | Self::Drift(_)
             | Self::Profile(..)
             | Self::Goal(_)
+            | Self::ConfirmTime
             | Self::Note(_) => true,
             Self::As(_) | Self::Theme(_) | Self::Candidate(_) | Self::PaceNow => false,
         }
@@ -85,6 +93,7 @@ pub fn parse(text: &str) -> Result<Asked, String> {
         "pace" => pace(rest).map(Asked::Pace),
         "drift" => drift(rest),
         "goal" => needs("a goal: pick-align-place, grasp, align or place").map(Asked::Goal),
+        "confirm-time" if rest.is_empty() => Ok(Asked::ConfirmTime),
         "note" => Ok(Asked::Note(rest.to_owned())),
         "close" => needs("a profile: sim, real or human").and_then(|name| profile(&name, true)),
         "open" if !rest.is_empty() => profile(rest, false),
@@ -224,6 +233,7 @@ mod tests {
             ("candidate", Asked::Action(Action::ShowCandidate)),
             ("drift off", Asked::Drift(None)),
             ("goal align", Asked::Goal("align".to_owned())),
+            ("confirm-time", Asked::ConfirmTime),
             ("note", Asked::Note(String::new())),
             ("note the tray is new", Asked::Note("the tray is new".to_owned())),
             ("close human", Asked::Profile(ProfileName::Human, true)),

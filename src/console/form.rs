@@ -10,6 +10,7 @@ use super::secret::Signing;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Authority, Command, Operation};
 use holdpoint_text::is_visible;
 
@@ -52,6 +53,8 @@ pub enum Intent {
     },
     /// Give the agent of the live cell a goal.
     Goal(String),
+    /// Confirm what the machine's clock said when this was read.
+    ConfirmTime(WallTime),
     /// Leave a note for those who come after.
     Note,
     /// The same for each of several versions, which it names: what takes a candidate away, or holds it.
@@ -102,6 +105,7 @@ impl Intent {
             Self::Rearm(_) => "Make active again",
             Self::Go { .. } => "Let it work again",
             Self::Goal(_) => "Work towards",
+            Self::ConfirmTime(_) => "Confirm it",
             Self::Note => "Leave it",
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
@@ -134,6 +138,7 @@ impl Intent {
             Self::Rearm(id) => format!("Make {id} active again"),
             Self::Go { .. } => "Let the stopped cell work again".to_owned(),
             Self::Goal(goal) => format!("Work towards {goal}"),
+            Self::ConfirmTime(time) => format!("Confirm the time: {}", time.spoken()),
             Self::Note => "Leave a note for those who come after".to_owned(),
             Self::Shelve(alarm) => format!("Shelve {alarm}"),
             Self::ResetAlarm(alarm) => format!("Reset {alarm}"),
@@ -164,6 +169,7 @@ impl Intent {
             Self::Rearm(_) => "not made active",
             Self::Go { .. } => "the cell stays stopped",
             Self::Goal(_) => "the goal is as it was",
+            Self::ConfirmTime(_) => "the time is not confirmed",
             Self::Note => "no note is left",
             Self::Shelve(_) => "not shelved",
             Self::ResetAlarm(_) => "not reset",
@@ -486,6 +492,7 @@ impl Intent {
             Intent::Go { since_ms, stops, .. } => {
                 Command::Go { by, reason: given, since_ms: *since_ms, stops: *stops }
             }
+            Intent::ConfirmTime(time) => Command::ConfirmTime { by, reason: given, time: *time },
             Intent::Note => Command::Note { by, text: given },
             Intent::Goal(goal) => Command::Goal { goal: goal.clone(), by, reason: given },
             Intent::Shelve(alarm) => {

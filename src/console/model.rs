@@ -32,6 +32,7 @@ use super::keymap::Keymap;
 use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::seat::Sitting;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 
@@ -214,6 +215,13 @@ impl Model {
         let told_ms = self.told.snapshot.as_ref()?.wall_ms?;
         let passed = i64::try_from(self.now_ms.saturating_sub(self.told.snapshot_ms)).ok()?;
         Some(told_ms.saturating_add(passed))
+    }
+
+    /// The time that people's deadlines are held against now: the snapshot's and what has passed since.
+    #[must_use]
+    pub fn time(&self) -> WallTime {
+        let now = self.told.snapshot.as_ref();
+        now.map_or_else(WallTime::default, |snapshot| snapshot.time_at(self.engine_ms()))
     }
 
     /// The filter of the present view; while it is typed, as far as it is typed. The story's is its own.

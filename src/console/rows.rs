@@ -173,7 +173,7 @@ impl Model {
         let mut questions: Vec<&QuestionView> = snapshot.questions.iter().collect();
         questions.sort_by_key(|question| question.deadline_ms);
         let mut prompts: Vec<&PromptView> = snapshot.prompts.iter().collect();
-        prompts.sort_by_key(|prompt| prompt.deadline_ms);
+        prompts.sort_by_key(|prompt| prompt.until);
         let questions = questions.into_iter().map(WaitingItem::Question);
         questions.chain(prompts.into_iter().map(WaitingItem::Prompt)).collect()
     }

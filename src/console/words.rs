@@ -2,6 +2,7 @@
 
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::seat::SeatView;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView, PromptView, Snapshot};
@@ -175,12 +176,12 @@ pub const fn taken_over(cell_is_stopped: bool) -> &'static str {
 
 /// How many have approved, and what becomes of the question.
 #[must_use]
-pub fn approvals(prompt: &PromptView, cell_is_stopped: bool, now_ms: u64) -> (String, String) {
+pub fn approvals(prompt: &PromptView, cell_is_stopped: bool, now: WallTime) -> (String, String) {
     let count = format!("{} of {}", prompt.approved_by.len(), prompt.needed);
     let next = if prompt.granted {
         taken_over(cell_is_stopped).to_owned()
     } else {
-        format!("held in {}", duration(prompt.deadline_ms.saturating_sub(now_ms)))
+        format!("held at {}", prompt.until.as_deadline(now))
     };
     (count, next)
 }

@@ -68,8 +68,7 @@ impl Record {
     /// Applies an event to the alarm book, keeps it in the store and tells what changed. A book or a
     /// store that refuses makes the engine hold, without a further alarm.
     pub(crate) fn alarm_event(&mut self, event: &AlarmEvent) {
-        let now_ms = self.now_ms();
-        match holdpoint_governance::alarms::apply(self.alarms(), event, now_ms) {
+        match holdpoint_governance::alarms::apply(self.alarms(), event, self.now_ms(), self.wall_now()) {
             Ok(changes) => {
                 if let Err(error) = self.take_in(&changes, Vec::new()) {
                     self.hold_silently(&error.sentence());
@@ -109,17 +108,17 @@ impl Record {
         monitors: &Monitors,
         works: bool,
     ) -> Reply {
-        let now_ms = self.now_ms();
         if let AlarmEvent::Reset { key, .. } = event
             && self.alarms().get(key).is_some_and(|alarm| alarm.condition)
             && self.is_over(key, monitors, works)
         {
             self.alarm_event(&AlarmEvent::Clear { key: key.clone() });
         }
-        let changes = match holdpoint_governance::alarms::apply(self.alarms(), event, now_ms) {
-            Ok(changes) => changes,
-            Err(error) => return refused(&error),
-        };
+        let changes =
+            match holdpoint_governance::alarms::apply(self.alarms(), event, self.now_ms(), self.wall_now()) {
+                Ok(changes) => changes,
+                Err(error) => return refused(&error),
+            };
         match self.take_in(&changes, reason_of(event)) {
             Ok(()) => Reply::Accepted { text: done.to_owned(), version: None },
             Err(error) => Reply::refused(Refusal::Store, &error),
@@ -152,6 +151,8 @@ impl Record {
             // Whoever ends the question or the rejection clears it, and the start that is authorized.
             AlarmKey::Approval(_) | AlarmKey::Rejected(_) | AlarmKey::ProfileUnauthorized => false,
             AlarmKey::CheckpointFailed => self.ledger().store().checkpoint_problem().is_none(),
+            // Somebody confirms the time.
+            AlarmKey::ClockDoubted => self.ledger().wall().doubt().is_none(),
             // An engine that holds does so until it comes up again.
             AlarmKey::EngineFault => self.holding().is_none(),
         }

@@ -14,6 +14,7 @@ use holdpoint_governance::alarms::{Alarm, AlarmBook, AlarmChange};
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::metrics::observed::ObservedCounts;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::{FamilyView, LiveView, ReadingView, Snapshot, StoppedView};
 use holdpoint_registry::{Layout, StopMarks, Store, StoreError, UnreadStore, VersionFilter, Views};
@@ -26,6 +27,7 @@ use crate::door::{Door, LiveViews, Scenes, Seats, Signals};
 use crate::halt;
 use crate::kept_clock;
 use crate::view::snapshot::alarm_view;
+use crate::wall_clock::wall_now;
 use crate::world::scenery;
 use crate::world::switch::{AskedStop, Controls, Switch};
 use crate::{Config, Engine, StartError, StartRules};
@@ -261,7 +263,9 @@ fn shown(config: &Config<'_>, rules: &StartRules, taken: &UnreadStore) -> Result
     let UnheldRows { at_ms, records, agent, families, alarms, stopped } = rows;
     Ok(Snapshot {
         at_ms,
-        wall_ms: kept_clock::wall_ms(),
+        wall_ms: wall_now().map(WallTime::ms),
+        time: wall_now().unwrap_or_default(),
+        clock_doubt: None,
         profile: context.profile.name,
         site: context.profile.site.clone(),
         robot: context.cell.model.name.clone(),

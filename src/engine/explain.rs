@@ -93,6 +93,8 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer
             | RecordKind::Shown
+            | RecordKind::ClockDoubted
+            | RecordKind::ClockConfirmed
             | RecordKind::AlarmReset
             | RecordKind::Asked
             | RecordKind::Drift

@@ -8,8 +8,9 @@
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::{FileExt as _, OpenOptionsExt as _};
 use std::path::PathBuf;
-use std::time::{SystemTime, UNIX_EPOCH};
 
+use crate::wall_clock::wall_now;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::{Layout, StoreError, Views};
 use holdpoint_text::file::{NO_LINK, read_text, regular};
 
@@ -33,12 +34,6 @@ fn path(layout: &Layout) -> PathBuf {
     layout.folder().join("clock")
 }
 
-/// The machine's time, ms since 1970.
-pub(crate) fn wall_ms() -> Option<i64> {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
-    i64::try_from(since.as_millis()).ok()
-}
-
 /// Where the clock of an engine on this store goes on from, virtual ms.
 ///
 /// # Errors
@@ -46,7 +41,7 @@ pub(crate) fn wall_ms() -> Option<i64> {
 pub(crate) fn resumed_ms(layout: &Layout, views: &Views) -> Result<u64, StoreError> {
     let head = views.head()?;
     let written_ms = views.stamp(head.seq)?.and_then(|stamp| stamp.wall_ms);
-    Ok(resumed(head.at_ms, kept(layout), written_ms, wall_ms()))
+    Ok(resumed(head.at_ms, kept(layout), written_ms, wall_now().map(WallTime::ms)))
 }
 
 fn resumed(head_ms: u64, kept_ms: Option<u64>, written_ms: Option<i64>, wall_ms: Option<i64>) -> u64 {

@@ -8,6 +8,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::bound_robot::BoundRobot;
+use crate::wall_clock::WallClock;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
@@ -172,7 +173,7 @@ struct StoredPackage {
 pub struct Ledger {
     store: Store,
     families: BTreeMap<Family, FamilyEntry>,
-    wall_clock: bool,
+    wall: WallClock,
     /// Digest of the robot that versions are made active with.
     robot: Option<String>,
 }
@@ -188,7 +189,7 @@ impl Ledger {
     ///
     /// # Errors
     /// If a version does not load or is not what was registered.
-    pub fn open(store: Store, wall_clock: bool) -> Result<Self, LedgerError> {
+    pub fn open(store: Store, wall: WallClock) -> Result<Self, LedgerError> {
         let mut families = BTreeMap::new();
         let views = store.views()?;
         for status in views.families()? {
@@ -201,21 +202,31 @@ impl Ledger {
             families.insert(family, FamilyEntry { state, members });
         }
         drop(views);
-        Ok(Self { store, families, wall_clock, robot: None })
+        Ok(Self { store, families, wall, robot: None })
     }
 
     /// Makes the store's first administrator, if nobody was ever enrolled.
     ///
     /// # Errors
     /// If the store cannot write it.
-    pub(crate) fn begin_persons(&self) -> Result<(), StoreError> {
-        let wall_ms = if self.wall_clock { wall_ms() } else { 0 };
+    pub(crate) fn begin_persons(&mut self) -> Result<(), StoreError> {
+        let wall_ms = self.wall.stamp(self.store.opening().head.at_ms);
         self.store.first_administrator(wall_ms).map(drop)
     }
 
     /// From now on active pointers are set with this robot.
     pub(crate) fn bind_robot(&mut self, robot: &BoundRobot) {
         self.robot = Some(robot.digest.clone());
+    }
+
+    /// The clock that people's deadlines are held against.
+    #[must_use]
+    pub const fn wall(&self) -> &WallClock {
+        &self.wall
+    }
+
+    pub(crate) const fn wall_mut(&mut self) -> &mut WallClock {
+        &mut self.wall
     }
 
     #[must_use]
@@ -440,7 +451,7 @@ impl Ledger {
         at_ms: u64,
     ) -> Result<holdpoint_registry::Receipt, StoreError> {
         let command_id = command_id("engine")?;
-        let wall_ms = if self.wall_clock { wall_ms() } else { 0 };
+        let wall_ms = self.wall.stamp(at_ms);
         self.store.commit_sealing(Transaction { command_id, at_ms, wall_ms, changes, audit })
     }
 }
@@ -452,11 +463,6 @@ impl Drop for Ledger {
             drop(self.write(Vec::new(), Vec::new(), at_ms));
         }
     }
-}
-
-fn wall_ms() -> i64 {
-    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    since.ok().and_then(|since| i64::try_from(since.as_millis()).ok()).unwrap_or(0)
 }
 
 fn new_version(capability: &Capability, origin: &Origin, baseline: bool) -> Result<NewVersion, LedgerError> {

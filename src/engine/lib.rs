@@ -17,6 +17,7 @@ pub mod context;
 pub mod door;
 pub mod dossier;
 pub mod doubt;
+pub mod doubted_clock;
 pub mod embedded;
 pub mod explain;
 pub mod fault;
@@ -48,6 +49,7 @@ mod stop_mark;
 pub mod trial;
 pub mod tryout;
 mod view;
+pub mod wall_clock;
 pub mod world;
 
 use std::borrow::Cow;
@@ -70,12 +72,14 @@ use crate::pipeline::concurrent::Timing;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::reading::{Asked, Readings};
 use crate::trial::cache::EpisodeCache;
+use crate::wall_clock::{MachineClocks, WallClock};
 use crate::world::switch::{AskedStop, Controls, Switch};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::omitted::{Omitted, Part};
 use holdpoint_governance::own_profile::{ChosenProfile, OwnProfileError, ProfileTexts};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::Event;
@@ -281,14 +285,21 @@ impl Engine {
         controls: Controls,
     ) -> Result<Self, StartError> {
         let StartRules { profile, table, own, baselines, omitted } = rules;
-        let (clock, kept_clock) = if config.scripted {
-            (Clock::scripted(store.opening().head.at_ms), KeptClock::none())
+        let opening = store.opening();
+        let (clock, kept_clock, wall) = if config.scripted {
+            let at_ms = opening.head.at_ms;
+            (Clock::scripted(at_ms), KeptClock::none(), WallClock::scripted(at_ms, opening.newest_record))
         } else {
             let from_ms = kept_clock::resumed_ms(store.layout(), &store.views()?)?;
-            (Clock::real(from_ms), KeptClock::begin(store.layout(), from_ms))
+            let wall = WallClock::of_machine(
+                Box::new(MachineClocks),
+                opening.newest_record,
+                profile.clock.jump_max_s,
+            );
+            (Clock::real(from_ms), KeptClock::begin(store.layout(), from_ms), wall)
         };
         keep_compiled_in(store.layout().compiled(), store.cells().secret().derived("compiled components")?);
-        let ledger = Ledger::open(store, !config.scripted)?;
+        let ledger = Ledger::open(store, wall)?;
         let given = BoundRobot::of(&config.cell);
         if let Some(recorded) =
             bound::robot(&ledger.store().views()?)?.filter(|recorded| !recorded.is(&given))
@@ -522,7 +533,7 @@ impl Engine {
 
     /// The present on both clocks.
     fn present(&self) -> Present {
-        let wall_ms = if self.is_scripted() { None } else { kept_clock::wall_ms() };
+        let wall_ms = self.pipeline.record().ledger().wall().said().map(WallTime::ms);
         Present { at_ms: self.now_ms(), wall_ms }
     }
 
@@ -589,5 +600,7 @@ pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../m
 
 #[cfg(test)]
 mod machine;
+#[cfg(test)]
+mod test_pipeline;
 #[cfg(test)]
 mod tests;

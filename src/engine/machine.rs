@@ -21,6 +21,8 @@ use tempfile::TempDir;
 
 use crate::ledger::{Ledger, LedgerError, Note, Origin};
 use crate::tests::context_change;
+use crate::wall_clock::WallClock;
+use holdpoint_governance::wall_time::WallTime;
 
 /// The most versions of the family.
 const VERSIONS: u16 = 4;
@@ -81,7 +83,7 @@ fn events(versions: u16) -> Vec<LifecycleEvent> {
             Event::RequestApproval { version },
             Event::ApprovalExpired { version },
             Event::Activate { version },
-            Event::ActivateUnreviewed { version, until_ms: 1_000 },
+            Event::ActivateUnreviewed { version, until: WallTime::from_ms(1_000) },
             Event::Reviewed { version },
             Event::Close { version, profile: ProfileName::Real },
             Event::Open { version, profile: ProfileName::Real },
@@ -207,7 +209,7 @@ impl Kept {
                 opened => break opened.unwrap(),
             }
         };
-        Self { ledger: Ledger::open(store, false).unwrap(), folder, at_ms }
+        Self { ledger: Ledger::open(store, WallClock::scripted(0, None)).unwrap(), folder, at_ms }
     }
 
     /// What goes with an event, as the engine writes it.

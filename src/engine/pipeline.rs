@@ -35,6 +35,7 @@ use crate::bound_robot::BoundRobot;
 use crate::cell::Cell;
 use crate::context::Context;
 use crate::dossier::Dossiers;
+use crate::doubted_clock;
 use crate::fault::Fault;
 use crate::goal;
 use crate::halt;
@@ -173,6 +174,8 @@ impl Pipeline {
             on_call: false,
         };
         pipeline.record.recall_alarms()?;
+        doubted_clock::recall(&mut pipeline.record)?;
+        doubted_clock::look(&mut pipeline.record)?;
         pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
         halt::come_up(&mut pipeline.record, &mut pipeline.world)?;
         if let Some(goal) = goal::recall(&pipeline.record.ledger().store().views()?)? {
@@ -238,6 +241,11 @@ impl Pipeline {
         let profile = self.context.profile.name;
         if self.record.holding().is_none()
             && let Err(error) = halt::begin_work(&mut self.record, &mut self.world, profile)
+        {
+            self.hold(&Fault::from(error).held());
+        }
+        if let Err(error) = doubted_clock::look(&mut self.record)
+            && self.record.holding().is_none()
         {
             self.hold(&Fault::from(error).held());
         }
@@ -328,7 +336,8 @@ impl Pipeline {
 
     pub(crate) fn next_deadline_ms(&self) -> Option<u64> {
         let monitors = self.monitors.next_ms(self.world.cell.link_is_up());
-        self.approvals.next_ms().into_iter().chain(monitors).min()
+        let people = self.approvals.next().map(|until| self.record.engine_ms_at(until));
+        people.into_iter().chain(monitors).min()
     }
 
     fn look_at_alarms(&mut self) {

@@ -8,6 +8,7 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
@@ -17,6 +18,7 @@ use crate::alarms::RaisedAlarms;
 use crate::fault::Fault;
 use crate::ledger::{Ledger, Moved, Note, Origin};
 use crate::observed::tally::Tally;
+use crate::wall_clock::WallClock;
 
 /// See the module's head.
 pub struct Record {
@@ -76,11 +78,20 @@ impl Record {
         self.clock.now_ms()
     }
 
-    /// Virtual time, s.
+    pub(crate) const fn wall_mut(&mut self) -> &mut WallClock {
+        self.ledger.wall_mut()
+    }
+
+    /// Wall time, which people's deadlines are held against; never earlier than the newest record's.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
-    pub fn now_s(&self) -> f64 {
-        self.clock.now_ms() as f64 / 1000.0
+    pub fn wall_now(&self) -> WallTime {
+        self.ledger.wall().now(self.clock.now_ms())
+    }
+
+    /// The engine's time at a moment to come, ms, if the wall clock is not set before; the present for one that has passed.
+    #[must_use]
+    pub fn engine_ms_at(&self, time: WallTime) -> u64 {
+        self.clock.now_ms().saturating_add(self.wall_now().ms_until(time))
     }
 
     /// Virtual time, ticks.

@@ -17,10 +17,8 @@ use holdpoint_governance::loosened::Rules;
 use holdpoint_governance::outcome::{
     Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
-use holdpoint_governance::policy::PolicyTable;
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopKept};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::names::EvidenceKind;
@@ -31,33 +29,14 @@ use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use holdpoint_sim::robot::RobotModel;
 
 use crate::cell::Cell;
-use crate::ledger::{Ledger, Note};
+use crate::ledger::Note;
 use crate::people::persons::enrolled;
-use crate::pipeline::{Pipeline, PipelineSettings, Progress};
+use crate::pipeline::{Pipeline, Progress};
+pub(crate) use crate::test_pipeline::pipeline;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
-use crate::world::switch::Controls;
 use crate::{Config, Engine, StartError};
 use holdpoint_text::Hint;
-
-pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
-    let profile = Profile::builtin(profile).unwrap();
-    let store = Store::open(folder).unwrap();
-    let clock = Clock::scripted(store.opening().head.at_ms);
-    let settings = PipelineSettings {
-        seed: CALIBRATION_FROM_RUN,
-        jobs: 1,
-        table: PolicyTable::builtin(&profile).unwrap(),
-        profile,
-        own: None,
-        cell: Cell::builtin().unwrap(),
-        cache: EpisodeCache::InStore,
-        controls: Controls::default(),
-        omitted: holdpoint_governance::omitted::Omitted::default(),
-    };
-    let baselines = crate::embedded::baselines().unwrap();
-    Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()
-}
 
 pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
     Config {

@@ -22,6 +22,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::wall_time::{WallTime, as_ms};
 use holdpoint_text::{Hint, Untrusted};
 
 pub use apply::apply;
@@ -31,7 +32,7 @@ pub use key::{AlarmKey, AlarmKeyError, AlarmKind, AlarmTopic};
 /// The most alarms a book holds, normal ones included. A further raise takes the place of the oldest normal one, or is refused.
 pub const ALARMS_MAX: usize = 512;
 
-/// The longest a shelf may last: one shift.
+/// The longest a shelf may last, ms: one shift.
 pub const SHELF_MS_MAX: u64 = 8 * 3_600_000;
 
 /// This many raises within [`CHATTER_WINDOW_MS`] make an alarm chattering.
@@ -105,8 +106,9 @@ impl AlarmState {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Shelving {
-    /// When it ends by itself, in the book's milliseconds.
-    pub until_ms: u64,
+    /// When it ends by itself, also while no engine runs.
+    #[serde(rename = "until_ms", with = "as_ms")]
+    pub until: WallTime,
     /// Identity of the operator who set it aside.
     pub by: String,
     /// Why it may be out of sight meanwhile, in the operator's words; never blank.
@@ -212,8 +214,8 @@ pub enum AlarmEvent {
         key: AlarmKey,
         /// Identity of the operator who sets it aside.
         by: String,
-        /// When the shelf ends by itself, in the book's milliseconds; at most [`SHELF_MS_MAX`] from now.
-        until_ms: u64,
+        /// When the shelf ends by itself; at most [`SHELF_MS_MAX`] from now.
+        until: WallTime,
         /// Why it may be out of sight meanwhile; a blank reason is refused.
         reason: Untrusted,
     },
@@ -283,7 +285,7 @@ pub enum AlarmError {
     #[error("a shelf must end within {max_ms} ms from now, not in {asked_ms} ms")]
     ShelfTime {
         /// The span that was asked for, ms from now; negative for an end in the past.
-        asked_ms: i128,
+        asked_ms: i64,
         /// [`SHELF_MS_MAX`], the longest span from now that is accepted.
         max_ms: u64,
     },

@@ -1,7 +1,7 @@
 //! Approvals: what they bind to, how many are needed, and when they count.
 //!
 //! A total function over plain data: signatures are verified elsewhere and come in as a result, time comes in
-//! as virtual seconds. Source: design rule 3.10; paper section 5.2, stage 5.
+//! as wall time. Source: design rule 3.10; paper section 5.2, stage 5.
 
 use std::collections::BTreeSet;
 
@@ -12,6 +12,7 @@ use super::decision::{Dimension, Reason, ReasonCode};
 use super::ids::Digest;
 use super::profile::ApprovalSettings;
 use super::submission::Risk;
+use super::wall_time::WallTime;
 use holdpoint_text::is_visible;
 
 /// What an approval is over. A change of any of these voids it.
@@ -105,8 +106,8 @@ pub struct Vote {
     pub reason: String,
     /// What the signature covers.
     pub subject: Subject,
-    /// Virtual time from which it no longer counts, s.
-    pub expires_s: f64,
+    /// From when on it no longer counts.
+    pub until: WallTime,
     /// Whether it is a break-glass (emergency) approval: counts alone, forces rollback coupling, opens a review.
     pub break_glass: bool,
     /// Whether the signature is the person's, as whoever holds the keys found it.
@@ -214,11 +215,11 @@ pub struct Request {
     /// Name of the person who put this very question: asked for a release, or used the emergency door whose review
     /// it is. Cannot approve; absent for an activation.
     pub asked_by: Option<String>,
-    /// When it was asked, virtual s; the profile's `approval.timeout_s` counts from here.
-    pub asked_s: f64,
+    /// From when on nobody's answer comes in time: the profile's `approval.timeout_s` after it was asked.
+    pub until: WallTime,
 }
 
-/// What asking people came to, at one point in virtual time.
+/// What asking people came to, at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "approval")]
 pub enum ApprovalOutcome {
@@ -228,8 +229,8 @@ pub enum ApprovalOutcome {
     Granted {
         /// Names of the identities whose approvals counted, sorted.
         people: BTreeSet<String>,
-        /// Virtual time from which the grant no longer holds, s: the earliest end among the votes.
-        expires_s: f64,
+        /// From when on the grant no longer holds: the earliest end among the votes.
+        until: WallTime,
         /// Whether it was granted by break-glass, which forces rollback coupling and a review.
         break_glass: bool,
     },
@@ -285,7 +286,7 @@ pub fn quorum(settings: &ApprovalSettings, risk: Risk, review: bool) -> u8 {
 pub fn evaluate(
     request: &Request,
     votes: &[Vote],
-    now_s: f64,
+    now: WallTime,
     settings: &ApprovalSettings,
 ) -> ApprovalResult {
     let mut reasons = Vec::new();
@@ -301,9 +302,9 @@ pub fn evaluate(
     let mut keys: BTreeSet<&str> = BTreeSet::new();
     let mut safety = false;
     let mut glass: Option<&Vote> = None;
-    let mut expires_s = f64::INFINITY;
+    let mut until: Option<WallTime> = None;
     for vote in votes {
-        if let Some((code, text)) = void(vote, request, now_s) {
+        if let Some((code, text)) = void(vote, request, now) {
             reasons.push(reason(code, format!("the answer of {:?} does not count: {text}", vote.person)));
             continue;
         }
@@ -335,7 +336,7 @@ pub fn evaluate(
             glass = Some(vote);
         }
         safety |= vote.role == Role::Safety;
-        expires_s = expires_s.min(vote.expires_s);
+        until = Some(until.map_or(vote.until, |until| until.min(vote.until)));
     }
     let enough = people.len() >= usize::from(request.quorum) && (request.risk != Risk::High || safety);
     if enough || glass.is_some() {
@@ -346,20 +347,17 @@ pub fn evaluate(
         #[allow(clippy::cast_precision_loss, reason = "people are few")]
         let granted = reason(code, text.into()).with(people.len() as f64, f64::from(request.quorum));
         reasons.insert(0, granted);
-        let expires_s = match glass {
-            Some(vote) if break_glass => vote.expires_s.min(now_s + settings.break_glass_valid_s),
-            Some(_) | None => expires_s,
+        let until = match glass {
+            Some(vote) if break_glass => vote.until.min(now.plus_secs(settings.break_glass_valid_s)),
+            // Without a vote nothing is granted: a quorum is at least 1.
+            Some(_) | None => until.unwrap_or(now),
         };
         let people = people.into_iter().map(ToOwned::to_owned).collect();
-        return ApprovalResult {
-            outcome: ApprovalOutcome::Granted { people, expires_s, break_glass },
-            reasons,
-        };
+        return ApprovalResult { outcome: ApprovalOutcome::Granted { people, until, break_glass }, reasons };
     }
-    let deadline_s = request.asked_s + settings.timeout_s;
-    if !is_before(now_s, deadline_s) {
-        let text = "nobody answered in time; the version is held".to_owned();
-        reasons.insert(0, reason(ReasonCode::ApprovalTimeout, text).with(now_s, deadline_s));
+    if now >= request.until {
+        let text = format!("nobody answered by {}; the version is held", request.until);
+        reasons.insert(0, reason(ReasonCode::ApprovalTimeout, text));
         return ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons };
     }
     let count = u8::try_from(people.len()).unwrap_or(u8::MAX);
@@ -370,13 +368,8 @@ pub fn evaluate(
     ApprovalResult { outcome: ApprovalOutcome::Pending { missing }, reasons }
 }
 
-/// Whether a time is before another; a time that is no number is before nothing, and so has run out.
-fn is_before(time_s: f64, end_s: f64) -> bool {
-    time_s < end_s
-}
-
 /// Why an answer counts neither as approval nor as refusal.
-fn void(vote: &Vote, request: &Request, now_s: f64) -> Option<(ReasonCode, &'static str)> {
+fn void(vote: &Vote, request: &Request, now: WallTime) -> Option<(ReasonCode, &'static str)> {
     if vote.signature != SignatureCheck::Valid {
         Some((ReasonCode::ApprovalSignature, "the signature is not theirs"))
     } else if vote.nonce_used {
@@ -386,7 +379,7 @@ fn void(vote: &Vote, request: &Request, now_s: f64) -> Option<(ReasonCode, &'sta
             ReasonCode::ApprovalStale,
             "it is over another version, row version, evidence, policy or profile",
         ))
-    } else if !is_before(now_s, vote.expires_s) {
+    } else if now >= vote.until {
         Some((ReasonCode::ApprovalExpired, "it has expired"))
     } else {
         None

@@ -19,10 +19,11 @@ use super::omitted::{Omitted, Part};
 pub use super::outcome::GateOutcome;
 use super::outcome::{ActivationMode, Basis, Check};
 use super::policy::PolicyTable;
-use super::profile::{Profile, ProfileName};
+use super::profile::{FreezeWindow, Profile, ProfileName};
 use super::strictness::Strictness;
 use super::submission::{Provenance, Risk};
 use super::vocabulary;
+use super::wall_time::{ClockDoubt, WallTime};
 use crate::stats::{self, PairedCounts};
 
 /// Result of the shadow comparison `Delta_shadow`.
@@ -210,8 +211,10 @@ pub struct GateInput<'a> {
     pub review_open: bool,
     /// Whether the profile is in force as this program has it: an administrator authorized it, or nobody has to.
     pub profile_authorized: bool,
-    /// Virtual time of the decision, s; freeze windows and approvals are held against it.
-    pub now_s: f64,
+    /// Wall time of the decision; freeze windows and approvals are held against it.
+    pub now: WallTime,
+    /// Why the machine's clock is not believed, if so; nothing is activated before a person has confirmed the time.
+    pub clock_doubt: Option<ClockDoubt>,
     /// The candidate's row version at the decision; the pass holds for no other.
     pub row_version: u64,
     /// Digests of the circumstances of now; they must be the evidence's.
@@ -238,7 +241,7 @@ pub struct GatePassed {
     terms: Terms,
     row_version: u64,
     made_under: MadeUnder,
-    expires_s: Option<f64>,
+    until: Option<WallTime>,
 }
 
 impl GatePassed {
@@ -256,10 +259,10 @@ impl GatePassed {
 
     /// Whether it still holds: same row version, same circumstances, approvals not expired.
     #[must_use]
-    pub fn holds(&self, row_version: u64, made_under: &MadeUnder, now_s: f64) -> bool {
+    pub fn holds(&self, row_version: u64, made_under: &MadeUnder, now: WallTime) -> bool {
         self.row_version == row_version
             && self.made_under == *made_under
-            && self.expires_s.map_or(now_s.is_finite(), |expires_s| now_s < expires_s)
+            && self.until.is_none_or(|until| now < until)
     }
 }
 
@@ -322,7 +325,7 @@ struct GateFindings {
     hold: Vec<Reason>,
     ask: Vec<Reason>,
     noted: Vec<Reason>,
-    expires_s: Option<f64>,
+    until: Option<WallTime>,
 }
 
 fn reason(code: ReasonCode, text: impl Into<String>) -> Reason {
@@ -459,8 +462,12 @@ impl GateFindings {
             let text = "no administrator authorized the profile as this program has it";
             self.hold.push(reason(ReasonCode::GateProfileUnauthorized, text));
         }
-        if let Some(why) = profile.frozen_at(input.now_s) {
-            self.hold.push(reason(ReasonCode::GateFrozen, format!("change is frozen: {why}")));
+        if let Some(FreezeWindow { until, reason: why, .. }) = profile.frozen_at(input.now) {
+            self.hold.push(reason(ReasonCode::GateFrozen, format!("change is frozen until {until}: {why}")));
+        }
+        if let Some(doubt) = input.clock_doubt {
+            let text = format!("{doubt}; a person has to confirm the time");
+            self.hold.push(reason(ReasonCode::GateClockDoubted, text));
         }
         if input.kappas.conditions().contains(&Condition::SimulationOnly) && profile.name != ProfileName::Sim
         {
@@ -496,8 +503,8 @@ impl GateFindings {
         let mut glass = false;
         // Each line gives a reason of the gate's own: it never rests on the reasons handed in.
         let (list, own) = match &approval.outcome {
-            ApprovalOutcome::Granted { people, break_glass, expires_s } => {
-                self.expires_s = Some(*expires_s);
+            ApprovalOutcome::Granted { people, break_glass, until } => {
+                self.until = Some(*until);
                 glass = *break_glass;
                 if people.len() < usize::from(quorum) && !glass {
                     (
@@ -576,7 +583,7 @@ impl GateFindings {
             terms,
             row_version: input.row_version,
             made_under: input.made_under,
-            expires_s: self.expires_s,
+            until: self.until,
         });
         GateResult { decision: Decision::new(outcome, reasons, answers, &input.made_under), passed }
     }

@@ -206,6 +206,7 @@ pub mod alarms;
 mod alignment;
 pub mod approval;
 pub mod behavior;
+pub mod calendar;
 pub mod comes_up;
 pub mod component;
 pub mod composition;
@@ -249,6 +250,7 @@ pub mod submission;
 pub mod text_error;
 pub mod value_type;
 pub mod vocabulary;
+pub mod wall_time;
 pub mod words;
 
 pub use text_error::TextError;

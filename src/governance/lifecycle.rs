@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use super::profile::ProfileName;
+use super::wall_time::{WallTime, as_ms};
 
 mod apply;
 mod pausing;
@@ -162,8 +163,9 @@ pub struct Version {
 pub struct Review {
     /// The version that one person let in.
     pub version: VersionRef,
-    /// Virtual time at which the emergency approval lapses, ms: unreviewed by then, the version is taken off.
-    pub until_ms: u64,
+    /// When the emergency approval lapses, also while no engine runs: unreviewed by then, the version is taken off.
+    #[serde(rename = "until_ms", with = "as_ms")]
+    pub until: WallTime,
 }
 
 /// A family: its versions and what holds for all of them.
@@ -266,8 +268,8 @@ pub enum LifecycleEvent {
     ActivateUnreviewed {
         /// The shadowed version that one person lets in.
         version: VersionRef,
-        /// Virtual time at which the emergency approval lapses, ms.
-        until_ms: u64,
+        /// When the emergency approval lapses.
+        until: WallTime,
     },
     /// People have reviewed the emergency activation of a version; what they think of it moves nothing here.
     Reviewed {

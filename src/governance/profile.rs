@@ -13,6 +13,7 @@ use super::ids::Digest;
 use super::mode::ZoneName;
 use super::submission::Risk;
 use super::text_error::{TextError, check_size, parse_toml};
+use super::wall_time::WallTime;
 
 mod class;
 pub mod fields;
@@ -62,7 +63,9 @@ pub struct Profile {
     pub health: HealthSettings,
     /// How many people have to approve, and how long an answer holds.
     pub approval: ApprovalSettings,
-    /// Spans of virtual time in which nothing is activated.
+    /// How far the machine's clock may be set before a person has to confirm the time.
+    pub clock: ClockSettings,
+    /// Spans of wall time in which nothing is activated.
     #[serde(default)]
     pub freeze: Vec<FreezeWindow>,
     /// How soon an operator has to act on each alarm.
@@ -356,14 +359,23 @@ impl ApprovalSettings {
     }
 }
 
-/// A span of virtual time in which nothing is activated.
+/// When the machine's clock is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ClockSettings {
+    /// How far the wall clock may go another way than the time since the machine was started, while an engine runs, s.
+    /// Beyond it nothing is activated before a person has confirmed the time.
+    pub jump_max_s: f64,
+}
+
+/// A span of wall time in which nothing is activated, also while no engine runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FreezeWindow {
-    /// Beginning, virtual s, included.
-    pub from_s: f64,
-    /// End, virtual s, not included.
-    pub until_s: f64,
+    /// Beginning, included.
+    pub from: WallTime,
+    /// End, not included.
+    pub until: WallTime,
     /// Why nothing is activated meanwhile; shown to whoever meets the freeze.
     pub reason: String,
 }
@@ -425,7 +437,7 @@ impl Profile {
     /// unknown or missing fields, numbers outside the ranges of [`fields`].
     pub fn parse(file: &str, text: &str) -> Result<Self, TextError> {
         check_size(file, text, PROFILE_BYTES_MAX)?;
-        let profile: Self = parse_toml(file, text)?;
+        let profile: Self = parse_toml(file, text).map_err(|error| freeze_in_seconds(file, text, error))?;
         match fields::problem(&profile).or_else(|| class::problem(&profile)) {
             None => Ok(profile),
             Some((field, value, allowed)) => Err(TextError::value(file, text, &field, &value, &allowed)),
@@ -524,14 +536,10 @@ impl Profile {
         self.approval.quorum_review > 0
     }
 
-    /// The freeze window that holds at a virtual time, s; a time that is not a number is frozen.
+    /// The freeze window that holds at a moment.
     #[must_use]
-    pub fn frozen_at(&self, now_s: f64) -> Option<&str> {
-        if !now_s.is_finite() {
-            return Some("the time is unknown");
-        }
-        let window = self.freeze.iter().find(|window| window.from_s <= now_s && now_s < window.until_s)?;
-        Some(&window.reason)
+    pub fn frozen_at(&self, now: WallTime) -> Option<&FreezeWindow> {
+        self.freeze.iter().find(|window| window.from <= now && now < window.until)
     }
 
     /// The published JSON Schema of a profile.
@@ -539,4 +547,18 @@ impl Profile {
     pub fn json_schema() -> serde_json::Value {
         schemars::schema_for!(Self).to_value()
     }
+}
+
+/// Says of a freeze in the engine's seconds, as earlier versions had it, how it is written now.
+fn freeze_in_seconds(file: &str, text: &str, error: TextError) -> TextError {
+    let field = match &error {
+        TextError::Syntax { message, .. } => ["from_s", "until_s"]
+            .into_iter()
+            .find(|field| message.contains(&format!("unknown field `{field}`"))),
+        TextError::TooLarge { .. } | TextError::Value { .. } => None,
+    };
+    let Some(field) = field else { return error };
+    let allowed = "from and until as times with their zone, e.g. from = \"2026-12-24T06:00:00+01:00\"; the engine's \
+                   seconds stand still while no engine runs";
+    TextError::value(file, text, &format!("freeze.{field}"), "seconds of the engine", allowed)
 }

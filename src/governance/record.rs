@@ -84,6 +84,10 @@ crate::words! {
         Shown = "shown",
         /// A process asked for a change and was granted it: what, and whose process, as the system has it.
         Asked = "asked",
+        /// The machine's clock was set, or is behind the newest record: by how much.
+        ClockDoubted = "clock-doubted",
+        /// A person confirmed what the machine's clock says: who, why, and the time. Wall times of records may go back here alone.
+        ClockConfirmed = "clock-confirmed",
         /// Who reset an alarm, and why it was safe.
         AlarmReset = "alarm-reset",
         /// A drift set in, or ended, in the simulated cell.

@@ -47,6 +47,7 @@ impl Command {
             | Self::Rearm(_)
             | Self::Continue(_)
             | Self::Go { .. }
+            | Self::ConfirmTime { .. }
             | Self::Goal { .. }
             | Self::ResetAlarm { .. }
             | Self::ShelveAlarm { .. } => Authority::Gives,
@@ -107,6 +108,7 @@ impl Command {
             | Self::UnshelveAlarm { by, .. }
             | Self::Stop { by, .. }
             | Self::Go { by, .. }
+            | Self::ConfirmTime { by, .. }
             | Self::Goal { by, .. }
             | Self::Note { by, .. } => Some(by),
             Self::Register { by, .. } => by.as_deref(),

@@ -18,6 +18,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{RecordKind, VersionGroup};
 use holdpoint_governance::submission::Package;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_text::Hint;
 
 pub use super::authority::Authority;
@@ -168,6 +169,16 @@ pub enum Command {
         /// How many stops of it the person knows of ([`StoppedView::stops`](crate::snapshot::StoppedView::stops));
         /// refused where there are more.
         stops: u64,
+    },
+    /// Confirm what the machine's clock says, where it was set or is behind the newest record: until then nothing is
+    /// activated.
+    ConfirmTime {
+        /// Identity of the person who answers for it.
+        by: String,
+        /// How the person knows, in their own words; a blank reason is refused.
+        reason: String,
+        /// The time that the person confirms; refused if the machine's clock says another one by more than five minutes.
+        time: WallTime,
     },
     /// Leave a note for those who come after: on record, and a mark over the charts of health. It changes nothing else.
     Note {
@@ -433,6 +444,7 @@ impl Command {
             | Self::LiveFault { .. }
             | Self::Continue(_)
             | Self::Go { .. }
+            | Self::ConfirmTime { .. }
             | Self::Goal { .. }
             | Self::Note { .. }
             | Self::Pace { .. }
@@ -504,6 +516,7 @@ impl Command {
             | Self::UnshelveAlarm { .. }
             | Self::Stop { .. }
             | Self::Go { .. }
+            | Self::ConfirmTime { .. }
             | Self::Goal { .. }
             | Self::Note { .. }
             | Self::Pace { .. }

@@ -23,6 +23,7 @@ use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
 use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
+use holdpoint_governance::wall_time::WallTime;
 
 /// One thing that happened, numbered and with its virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -164,8 +165,10 @@ pub enum EventKind {
         replaces: Option<CapabilityId>,
         /// How many distinct people have to approve.
         needed: u32,
-        /// Virtual time at which an unanswered question becomes a hold, ms.
-        deadline_ms: u64,
+        /// When an unanswered question becomes a hold; 1970 in recordings of earlier versions, which counted in the engine's
+        /// time.
+        #[serde(default)]
+        until: WallTime,
         /// Digest of what is to be signed over.
         evidence: Digest,
         /// Who made it, and so cannot approve it.
@@ -394,8 +397,9 @@ pub enum EventKind {
         by: String,
         /// The emergency, in the person's own words.
         reason: String,
-        /// Virtual time by which it has to be reviewed, or it is taken off, ms.
-        until_ms: u64,
+        /// By when it has to be reviewed, or it is taken off; 1970 in recordings of earlier versions.
+        #[serde(default)]
+        until: WallTime,
     },
     /// An emergency activation was reviewed.
     Reviewed {

@@ -10,8 +10,8 @@ mod verdict;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::calendar;
 use super::words::clock_time;
+use holdpoint_governance::calendar;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::stats::{difference, wilson};
 

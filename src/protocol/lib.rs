@@ -15,7 +15,6 @@
 
 mod answer;
 mod authority;
-pub mod calendar;
 mod caller;
 mod changes;
 pub mod clock;

@@ -30,6 +30,7 @@ use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::vocabulary::Deployability;
+use holdpoint_governance::wall_time::WallTime;
 
 pub use lines::{RENDERER_VERSION, render};
 pub use live::{LIVE_HEADING, live_lines};
@@ -64,8 +65,8 @@ pub struct QuestionFacts {
     pub site: Option<SiteName>,
     /// Distinct people who have to approve.
     pub needed: u32,
-    /// Virtual time at which the unanswered question ends, ms; absent for an emergency, which nobody waits for.
-    pub deadline_ms: Option<u64>,
+    /// When the unanswered question ends; absent for an emergency, which nobody waits for.
+    pub until: Option<WallTime>,
     /// Risk class that decides whose approvals count.
     pub risk: Risk,
     /// The risk class as it was assessed, with its causes; absent before it was, which counts as high.
@@ -261,8 +262,8 @@ pub struct QuestionView {
     pub store_id: String,
     /// Public key of the store, 64 hexadecimal digits; the signature covers it.
     pub store_key: String,
-    /// Until when a decision signed now is good, virtual ms.
-    pub valid_until_ms: u64,
+    /// Until when a decision signed now is good.
+    pub valid_until: WallTime,
 }
 
 impl QuestionView {
@@ -322,7 +323,7 @@ impl QuestionView {
             profile: bound.profile,
             store_id: self.store_id.clone(),
             nonce: Nonce::random()?,
-            not_after_ms: self.valid_until_ms,
+            not_after_ms: self.valid_until.ms().unsigned_abs(),
             shown: Some(ShownQuestion {
                 renderer: self.renderer,
                 lines: self.lines_digest(),
@@ -354,7 +355,7 @@ impl PromptView {
             profile: self.profile,
             store_id: self.store_id.clone(),
             nonce: Nonce::random()?,
-            not_after_ms: self.valid_until_ms,
+            not_after_ms: self.valid_until.ms().unsigned_abs(),
             break_glass: false,
             shown: None,
         })?;

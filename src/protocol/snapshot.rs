@@ -26,6 +26,7 @@ use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
+use holdpoint_governance::wall_time::{ClockDoubt, WallTime};
 
 pub use super::purpose::Purpose;
 
@@ -37,6 +38,12 @@ pub struct Snapshot {
     /// The machine's time then, ms since 1970; absent in scripts, which know none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_ms: Option<i64>,
+    /// The time that people's deadlines are held against; a script has one of its own.
+    #[serde(default)]
+    pub time: WallTime,
+    /// Why the machine's clock is not believed: nothing is activated until a person confirms the time. Absent if it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock_doubt: Option<ClockDoubtView>,
     /// Profile that everything is judged under.
     pub profile: ProfileName,
     /// Its own name, if it does not come with the program.
@@ -97,6 +104,26 @@ pub struct Snapshot {
     /// on with nobody.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ends_alone_s: Option<u64>,
+}
+
+impl Snapshot {
+    /// The time that people's deadlines are held against when the engine's clock stands at `at_ms`, if the wall clock is not
+    /// set before.
+    #[must_use]
+    pub const fn time_at(&self, at_ms: u64) -> WallTime {
+        self.time.plus_ms(at_ms.saturating_sub(self.at_ms))
+    }
+}
+
+/// A machine's clock that is not believed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ClockDoubtView {
+    /// Why.
+    pub doubt: ClockDoubt,
+    /// The same in a sentence.
+    pub text: String,
+    /// What the clock says: what a person confirms, or sets right first.
+    pub said: WallTime,
 }
 
 /// What a signature under a request is bound to, beside the request.
@@ -240,8 +267,8 @@ pub struct FamilyView {
 pub struct ReviewView {
     /// The version that one person let in; it may have left meanwhile.
     pub version: CapabilityId,
-    /// Virtual time by which it has to be reviewed, or it is taken off, ms.
-    pub until_ms: u64,
+    /// By when it has to be reviewed, or it is taken off.
+    pub until: WallTime,
     /// Whether that time is over; the review stays open.
     pub overdue: bool,
 }
@@ -408,14 +435,14 @@ pub struct PromptView {
     pub granted: bool,
     /// Identities that have approved so far.
     pub approved_by: Vec<String>,
-    /// Virtual time at which the unanswered question becomes a hold, ms.
-    pub deadline_ms: u64,
-    /// Until when a decision signed now is good, virtual ms.
-    pub valid_until_ms: u64,
+    /// When the unanswered question becomes a hold, also while no engine runs.
+    pub until: WallTime,
+    /// Until when a decision signed now is good.
+    pub valid_until: WallTime,
     /// Id of the store; a decision signed for it counts in no other.
     pub store_id: String,
-    /// When people were asked, virtual ms.
-    pub asked_ms: u64,
+    /// When people were asked.
+    pub asked: WallTime,
     /// How much friction a decision needs (0, 1 or 2; reference A6).
     pub tier: u8,
     /// Who made the candidate and how far that is known, e.g. `ada (unverified)`; they cannot approve it.
@@ -474,8 +501,8 @@ pub struct AlarmView {
     pub latching: bool,
     /// Identity that acknowledged it; absent while it calls for attention.
     pub acknowledged_by: Option<String>,
-    /// Who set it aside, why, and until when, virtual ms.
-    pub shelf: Option<(String, String, u64)>,
+    /// Who set it aside, why, and until when.
+    pub shelf: Option<(String, String, WallTime)>,
     /// How often it was raised since it was last normal.
     pub raises: u32,
     /// Whether it comes so often that it is one row with a count.

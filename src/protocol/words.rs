@@ -98,7 +98,7 @@ fn text(kind: &EventKind) -> String {
             version,
             replaces,
             needed,
-            deadline_ms,
+            until,
             evidence,
             author,
             new_permissions,
@@ -112,14 +112,14 @@ fn text(kind: &EventKind) -> String {
             if *purpose != Purpose::Activation {
                 let short = evidence.short();
                 return format!(
-                    "ask      {version}: {needed} to decide on its {purpose} by {} s, evidence {short}; {on_drift}",
-                    deadline_ms / 1000
+                    "ask      {version}: {needed} to decide on its {purpose} by {}, evidence {short}; {on_drift}",
+                    until.spoken()
                 );
             }
             format!(
-                "ask      {version}{replaces}: {needed} to approve by {} s, evidence {}, made by {author}; new \
+                "ask      {version}{replaces}: {needed} to approve by {}, evidence {}, made by {author}; new \
                  permissions: {}; changes: {}; conditions: {}; if it gets worse: {on_drift}; not tested: {}",
-                deadline_ms / 1000,
+                until.spoken(),
                 evidence.short(),
                 listed(new_permissions),
                 listed(&changes.lines()),
@@ -234,9 +234,9 @@ fn text(kind: &EventKind) -> String {
             let closed = if closed.is_empty() { "none".to_owned() } else { closed.join(", ") };
             format!("profiles {version}: closed to it: {closed}; {by} says so ({reason})")
         }
-        EventKind::BreakGlass { version, by, reason, until_ms } => format!(
-            "EMERGENCY {version}: {by} lets it in alone ({reason}); two people review it by {} s, or it is taken off",
-            until_ms / 1000
+        EventKind::BreakGlass { version, by, reason, until } => format!(
+            "EMERGENCY {version}: {by} lets it in alone ({reason}); two people review it by {}, or it is taken off",
+            until.spoken()
         ),
         EventKind::Reviewed { version, upheld, by } => {
             let found = if *upheld { "upheld" } else { "NOT upheld" };

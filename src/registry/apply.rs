@@ -84,6 +84,14 @@ impl Touched {
     }
 }
 
+/// The wall time of a transaction's records: never before that of the newest record, but where a person confirms the time.
+fn wall_ms_after(connection: &Connection, seq: u64, transaction: &Transaction) -> Result<i64, StoreError> {
+    if transaction.audit.iter().any(|body| body.kind == RecordKind::ClockConfirmed) {
+        return Ok(transaction.wall_ms);
+    }
+    Ok(audit::wall_ms_of(connection, seq)?.unwrap_or(0).max(transaction.wall_ms))
+}
+
 /// The digest that tells a retry from another command with the same id.
 pub(crate) fn command_digest(transaction: &Transaction) -> Result<Digest, StoreError> {
     Digest::of_json("holdpoint/command/v1", &(&transaction.changes, &transaction.audit))
@@ -116,7 +124,7 @@ pub(crate) fn apply(
         fold,
         written: BTreeMap::new(),
         at_ms: transaction.at_ms,
-        wall_ms: transaction.wall_ms,
+        wall_ms: wall_ms_after(connection, before.seq, transaction)?,
         place,
         first_seq: before.seq + 1,
         head: before,
@@ -397,8 +405,8 @@ impl Applier<'_> {
             Change::ConfirmPerson(signed) => self.person_act(signed, PersonActKind::Confirm),
             Change::RevokePerson(signed) => self.person_act(signed, PersonActKind::Revoke),
             Change::PutApproval(signed) => self.put_approval(signed),
-            Change::ConsumeApproval { nonce, evidence_digest } => {
-                self.consume_approval(nonce, *evidence_digest)
+            Change::ConsumeApproval { nonce, evidence_digest, at } => {
+                self.consume_approval(nonce, *evidence_digest, *at)
             }
             Change::SetContext { profile, policy_digest, json, rules } => {
                 let Some(rules) = rules else {

@@ -11,6 +11,7 @@ use holdpoint_governance::approval::{Answer, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::wall_time::WallTime;
 
 /// An approval as its record tells it; what it was signed with is in its row.
 #[derive(Serialize, Deserialize)]
@@ -99,7 +100,6 @@ impl Applier<'_> {
     pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<Touched, StoreError> {
         check_name("approval request", &request.id)?;
         check_json("approval request", &request.json)?;
-        check_int("deadline", request.deadline_ms)?;
         check_int("row version", request.row_version)?;
         self.version(&request.version)?;
         self.execute(
@@ -119,7 +119,7 @@ impl Applier<'_> {
                 request.profile.name(),
                 request.needed,
                 self.at_ms,
-                request.deadline_ms,
+                request.until.ms(),
                 request.state.name(),
                 request.json
             ],
@@ -199,6 +199,7 @@ impl Applier<'_> {
         &mut self,
         nonce: &str,
         evidence_digest: Digest,
+        at: Option<WallTime>,
     ) -> Result<Touched, StoreError> {
         let refuse =
             |problem: &str| StoreError::Approval { nonce: nonce.to_owned(), problem: problem.to_owned() };
@@ -232,7 +233,7 @@ impl Applier<'_> {
             Some("it is a refusal")
         } else if approval.shown.is_none() {
             Some("it was signed by an earlier version, over nothing that was shown")
-        } else if self.at_ms >= approval.not_after_ms {
+        } else if at.is_none_or(|at| at >= approval.not_after()) {
             Some("it has expired")
         } else if approval.row_version != self.row_version_before(&name, row_version) {
             Some("the version has changed since")

@@ -59,6 +59,15 @@ pub(crate) fn head(connection: &Connection) -> rusqlite::Result<Head> {
     Ok(Head { seq, hash, at_ms })
 }
 
+/// The wall time of a record, ms since 1970; `None` if it has none, or is not there.
+pub(crate) fn wall_ms_of(connection: &Connection, seq: u64) -> Result<Option<i64>, StoreError> {
+    connection
+        .prepare_cached("SELECT wall_ms FROM audit WHERE seq = ?1")
+        .and_then(|mut select| select.query_row([seq], |row| row.get(0)).optional())
+        .map(|found: Option<i64>| found.filter(|wall_ms| *wall_ms > 0))
+        .map_err(StoreError::sql("read when the newest record was written"))
+}
+
 /// Appends one record; the caller holds the write transaction.
 pub(crate) fn append(
     connection: &Connection,

@@ -19,6 +19,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind};
 use holdpoint_governance::submission::{Provenance, Risk};
+use holdpoint_governance::wall_time::{WallTime, as_ms};
 
 /// The largest JSON text the store takes for one field, bytes.
 pub const BODY_BYTES_MAX: usize = 4 << 20;
@@ -43,7 +44,9 @@ pub struct Transaction {
     pub command_id: String,
     /// Virtual time, ms; must not be before the last record's. Hashed into the chain.
     pub at_ms: u64,
-    /// Wall time, ms since 1970; kept beside the records and never hashed, so that equal runs give equal chains.
+    /// Wall time, ms since 1970, 0 in a script; kept beside the records and not hashed, so that equal runs give equal
+    /// chains. The newest is signed with the end of the chain. It never goes back, but where a person confirms the time: an
+    /// earlier one is kept as that of the record before.
     pub wall_ms: i64,
     /// Applied in this order. Put [`Change::ConsumeApproval`] before the [`Change::SetState`] it allows, and the
     /// `SetState` of a leaving active version before that of its successor.
@@ -239,6 +242,10 @@ pub enum Change {
         nonce: String,
         /// Digest of the evidence as it stands now; must be what was approved.
         evidence_digest: Digest,
+        /// When it is used; must be before it is void. Absent in records of earlier versions, which counted in the engine's
+        /// time.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        at: Option<WallTime>,
     },
     /// The profile, policy or thresholds change; voids everything made under the old ones. Checked: that a change that
     /// takes an authorization follows an [`Change::AllowProfile`] of it at once.
@@ -399,8 +406,9 @@ pub struct ApprovalRequest {
     pub profile: ProfileName,
     /// How many distinct people.
     pub needed: u32,
-    /// Virtual time it lapses, ms.
-    pub deadline_ms: u64,
+    /// When it lapses, also while no engine runs.
+    #[serde(rename = "deadline_ms", with = "as_ms")]
+    pub until: WallTime,
     pub state: RequestState,
     /// What was shown to the people asked, JSON text.
     pub json: String,

@@ -26,6 +26,8 @@ const DOMAIN_WITH_FOLD: &str = "holdpoint/checkpoint/v2";
 const DOMAIN_LINKED: &str = "holdpoint/checkpoint/v3";
 /// Domain tag of a checkpoint that holds the head of the tree over the records.
 const DOMAIN_TREE: &str = "holdpoint/checkpoint/v4";
+/// Domain tag of a checkpoint that holds the wall time of its record as well.
+const DOMAIN_TIMED: &str = "holdpoint/checkpoint/v5";
 /// Domain tag of a checkpoint's own digest.
 const DOMAIN_DIGEST: &str = "holdpoint/checkpoint-digest/v1";
 /// What the first checkpoint of a store follows from.
@@ -105,16 +107,21 @@ pub struct Checkpoint {
     /// Root of the Merkle tree over the records up to `seq` (RFC 9162). Absent in checkpoints of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub root: Option<Digest>,
+    /// Wall time of the record, ms since 1970: it is held against the record's own. Absent in scripts, and in checkpoints
+    /// of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall_ms: Option<i64>,
     /// ed25519 signature, 128 hexadecimal digits.
     pub signature: String,
 }
 
 impl Checkpoint {
-    /// Signs the end of a chain, whose records have a tree with this root.
+    /// Signs the end of a chain, whose records have a tree with this root and whose last has this wall time, ms since 1970.
     #[must_use]
     pub fn sign(
         store_id: &str,
         (head, root): (Head, Digest),
+        wall_ms: Option<i64>,
         link: Link,
         fold: Option<Digest>,
         key: &SigningKey,
@@ -127,6 +134,7 @@ impl Checkpoint {
             fold,
             link: Some(link),
             root: Some(root),
+            wall_ms,
             signature: String::new(),
         };
         checkpoint.signature = hex(&key.sign(checkpoint.bytes().bytes()).to_bytes());
@@ -142,7 +150,12 @@ impl Checkpoint {
             if let Some(root) = &self.root {
                 let earlier = link.earlier.to_le_bytes();
                 let linked = [number.as_slice(), link.previous.bytes(), &gap, &earlier, root.bytes(), fold];
-                return Digest::of_parts(DOMAIN_TREE, &[end.as_slice(), &linked].concat());
+                let wall_ms = self.wall_ms.map(i64::to_le_bytes);
+                let (domain, timed): (&str, &[&[u8]]) = match &wall_ms {
+                    None => (DOMAIN_TREE, &[]),
+                    Some(wall_ms) => (DOMAIN_TIMED, &[wall_ms]),
+                };
+                return Digest::of_parts(domain, &[end.as_slice(), &linked, timed].concat());
             }
             let parts = [end[0], end[1], end[2], end[3], &number, link.previous.bytes(), &gap, fold];
             return Digest::of_parts(DOMAIN_LINKED, &parts);
@@ -166,6 +179,9 @@ impl Checkpoint {
     }
 
     fn goes_on(&self, before: Option<&Self>) -> Result<(), String> {
+        if self.root.is_none() && self.wall_ms.is_some() {
+            return Err("it has a wall time, and no tree head with which it is signed".to_owned());
+        }
         if self.root.is_none() && before.is_some_and(|before| before.root.is_some()) {
             return Err("it has no tree head, although the one before has".to_owned());
         }
@@ -331,7 +347,8 @@ mod tests {
         for seq in 1..=count {
             let link = Link::after(kept.last().map(|kept| &kept.checkpoint));
             let head = Head { seq, hash: Digest::from_bytes([1; 32]), at_ms: seq };
-            let checkpoint = Checkpoint::sign("a", (head, Digest::from_bytes([3; 32])), link, None, &key);
+            let checkpoint =
+                Checkpoint::sign("a", (head, Digest::from_bytes([3; 32])), Some(5), link, None, &key);
             kept.push(Kept { file: name(seq), checkpoint });
         }
         kept
@@ -357,7 +374,7 @@ mod tests {
     fn every_part_is_signed() {
         let key = SigningKey::from_bytes(&[7; 32]);
         let whole = chain(2).remove(1).checkpoint;
-        let edits: [fn(&mut Checkpoint); 12] = [
+        let edits: [fn(&mut Checkpoint); 14] = [
             |c| c.store_id = "b".into(),
             |c| c.seq = 9,
             |c| c.at_ms = 9,
@@ -370,6 +387,8 @@ mod tests {
             |c| c.link.as_mut().unwrap().previous = Digest::from_bytes([2; 32]),
             |c| c.root = Some(Digest::from_bytes([2; 32])),
             |c| c.root = None,
+            |c| c.wall_ms = Some(4),
+            |c| c.wall_ms = None,
         ];
         assert!(whole.is_signed_by(&key.verifying_key()));
         for (index, edit) in edits.into_iter().enumerate() {

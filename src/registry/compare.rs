@@ -12,8 +12,8 @@
 //! | `meta.signed_end` | the store's key, which signed it over the end of the chain |
 //! | `meta.store_id` | the checkpoints, which are signed over it, and the approvals |
 //!
-//! Two are held against nothing. `audit.wall_ms` is told to people and chooses where `metrics --since DATE` begins; no
-//! decision reads it. `command.digest` tells a retry from another command under its id, and the ids of commands to come
+//! Two are held against nothing. `audit.wall_ms` is told to people and chooses where `metrics --since DATE` begins; what is
+//! decided by is that of the newest record alone, which the signed end and checkpoints hold. `command.digest` tells a retry from another command under its id, and the ids of commands to come
 //! cannot be foretold ([`command_id`](super::change::command_id)): whoever edits it, or the id, can only make a retry of
 //! what was done be refused or done again. A receipt without records is believed by nobody.
 

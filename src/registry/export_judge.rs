@@ -38,8 +38,8 @@ pub(super) struct Exported {
     pub(super) tree: Frontier,
     /// Records that a head speaks of.
     spoken_of: BTreeSet<u64>,
-    /// Their hash and the tree's root.
-    seen: BTreeMap<u64, (Digest, Digest)>,
+    /// Their hash, the tree's root and their wall time.
+    seen: BTreeMap<u64, (Digest, Digest, i64)>,
     /// The approvals on record, by their nonces.
     put: BTreeMap<String, Put>,
     /// Nonces of those that a rebuild gave up.
@@ -164,7 +164,7 @@ impl Exported {
         self.end = Head { seq, hash: record.hash, at_ms: record.at_ms };
         self.tree.push(&record.hash);
         if self.spoken_of.contains(&seq) {
-            self.seen.insert(seq, (record.hash, self.tree.root()));
+            self.seen.insert(seq, (record.hash, self.tree.root(), record.wall_ms));
         }
         Ok(())
     }
@@ -258,11 +258,14 @@ impl Exported {
             return Err("its signature does not match the public key".to_owned());
         }
         match self.seen.get(&checkpoint.seq) {
-            Some((hash, _)) if *hash != checkpoint.head => {
+            Some((hash, ..)) if *hash != checkpoint.head => {
                 Err("its record is another one: history was rewritten".to_owned())
             }
-            Some((_, root)) if checkpoint.root.is_some_and(|signed| signed != *root) => {
+            Some((_, root, _)) if checkpoint.root.is_some_and(|signed| signed != *root) => {
                 Err("its tree head is not the one of these records".to_owned())
+            }
+            Some((_, _, wall_ms)) if checkpoint.wall_ms.is_some_and(|signed| signed != *wall_ms) => {
+                Err("its wall time is not the one of its record".to_owned())
             }
             Some(_) => Ok(()),
             None if checkpoint.seq == 0 => Ok(()),

@@ -39,6 +39,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::BreakGlass
         | RecordKind::BreakGlassReviewed
         | RecordKind::Shown
+        | RecordKind::ClockDoubted
+        | RecordKind::ClockConfirmed
         | RecordKind::AlarmReset
         | RecordKind::Asked
         | RecordKind::Drift

@@ -457,3 +457,11 @@ pub(crate) fn foreign_key(path: &Path, problem: &str) -> StoreError {
 pub(crate) fn refused(path: &Path, problem: &str, hint: &'static str) -> StoreError {
     StoreError::Refused { path: path.to_owned(), problem: problem.to_owned(), hint }
 }
+
+/// SQLite's count of what others than this connection wrote to the database.
+pub(super) fn written_by_others(connection: &Connection) -> Result<i64, StoreError> {
+    connection
+        .prepare_cached("PRAGMA data_version")
+        .and_then(|mut pragma| pragma.query_row([], |row| row.get(0)))
+        .map_err(StoreError::sql("ask what others wrote"))
+}

@@ -133,7 +133,8 @@ pub fn rebuild(
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
     let head = audit::head(&made).map_err(StoreError::sql("read the audit chain"))?;
     let root = audit::tree_after(&made, &Frontier::empty())?.root();
-    let end = Checkpoint::sign(&store_id, (head, root), link, None, &key);
+    let wall_ms = audit::wall_ms_of(&made, head.seq)?;
+    let end = Checkpoint::sign(&store_id, (head, root), wall_ms, link, None, &key);
     signed::write(&made, &end).inspect_err(|_| drop(remove_database(&part)))?;
     made.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
     drop(damaged_store);
@@ -375,6 +376,7 @@ fn write_record(
     let kind = RecordKind::StoreRebuilt;
     let body = canonical_json(&json!({ "change": change, "rows": rows }))
         .map_err(|error| StoreError::invalid("record", kind.name(), error))?;
+    let wall_ms = wall_ms.max(audit::wall_ms_of(made, end.seq)?.unwrap_or(0));
     let head = audit::append(made, (end.at_ms, wall_ms), kind, "", body)?;
     let command_id = format!("{LOST_COMMAND}-{}", head.seq);
     let receipt = Receipt {

@@ -7,6 +7,7 @@
 use ed25519_dalek::VerifyingKey;
 use rusqlite::{Connection, OptionalExtension, params};
 
+use super::audit;
 use super::checkpoint::{Checkpoint, Kept, check_links, check_newest};
 use super::error::StoreError;
 use super::fold::Fold;
@@ -96,6 +97,7 @@ pub(crate) fn check_end(
             if end.root.is_some() && end.root != fold.root(end.seq) {
                 return Err(Unsigned::Signature("its tree head is not the one of these records".to_owned()));
             }
+            check_wall_time(&end, connection)?;
             return Ok(Some(end));
         }
         return Err(Unsigned::Signature(format!("nobody signed the records after {}", end.seq)));
@@ -106,6 +108,20 @@ pub(crate) fn check_end(
     }
     let problem = "it is not the one that was signed: history was rewritten".to_owned();
     Err(Unsigned::Chain { seq: end.seq, problem })
+}
+
+/// The wall time that was signed with a record is the record's own.
+fn check_wall_time(of: &Checkpoint, connection: &Connection) -> Result<(), Unsigned> {
+    let Some(signed_ms) = of.wall_ms else { return Ok(()) };
+    let found = audit::wall_ms_of(connection, of.seq);
+    match found {
+        Ok(Some(found_ms)) if found_ms == signed_ms => Ok(()),
+        Ok(_) => {
+            let problem = "its wall time is not the one that was signed".to_owned();
+            Err(Unsigned::Chain { seq: of.seq, problem })
+        }
+        Err(error) => Err(Unsigned::Signature(error.to_string())),
+    }
 }
 
 /// The chain ends where it was signed, and no checkpoint is missing.
@@ -121,6 +137,9 @@ pub(crate) fn check(
     }
     check_links(kept)
         .map_err(|bad| Unsigned::Signature(format!("the checkpoint {:?}: {}", bad.file, bad.problem)))?;
+    for kept in kept {
+        check_wall_time(&kept.checkpoint, connection)?;
+    }
     let Some(end) = end else { return Ok(()) };
     check_newest(&end, kept).map_err(|problem| {
         Unsigned::Signature(format!("the signed end of the audit chain and the checkpoints: {problem}"))

@@ -26,7 +26,9 @@ use super::kept::{KeptCells, KeptSecret};
 use super::layout::{EngineLock, Layout};
 use super::loosened::ProfileCourse;
 use super::migrate::STORE;
-use super::open::{Durability, FileId, WrittenHere, damaged, file_id, open_reader, open_writer};
+use super::open::{
+    Durability, FileId, WrittenHere, damaged, file_id, open_reader, open_writer, written_by_others,
+};
 use super::recovery::{Interrupted, interrupted};
 use super::seals::{FoundTelemetry, Settled};
 use super::shape::first_difference;
@@ -38,6 +40,7 @@ use super::telemetry::{Batch, TelemetryFile, TelemetryLimits};
 use super::views::{ActiveVersions, Views};
 use super::witness::{Problems, Senders};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::wall_time::WallTime;
 
 /// Transactions that may wait for the writer; a caller beyond that waits itself.
 const QUEUE_MAX: usize = 64;
@@ -49,6 +52,8 @@ pub struct Opening {
     pub created: bool,
     /// The end of the chain; virtual time must go on from its `at_ms`.
     pub head: Head,
+    /// Wall time of the newest record; absent in a store of scripts alone.
+    pub newest_record: Option<WallTime>,
     /// What an earlier engine left unfinished, for this one to finish or undo.
     pub interrupted: Vec<Interrupted>,
     /// What became of telemetry meanwhile, for this engine to put on record.
@@ -127,6 +132,7 @@ impl Store {
             store_id::read(&connection, &layout.database())?
         };
         let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
+        let newest_record = audit::wall_ms_of(&connection, head.seq)?.map(WallTime::from_ms);
         let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
         let (telemetry, found) = open_telemetry((&layout, limits), &connection, &fold)?;
         let telemetry = Arc::new(Mutex::new(telemetry));
@@ -173,7 +179,7 @@ impl Store {
             layout,
             store_id,
             public_key,
-            opening: Opening { created, head, interrupted, telemetry: found, profiles },
+            opening: Opening { created, head, newest_record, interrupted, telemetry: found, profiles },
             _lock: lock,
         })
     }
@@ -451,7 +457,8 @@ impl StoreWriter {
         let answer = apply(&tx, transaction, place, &self.fold)?;
         if answer.1.seq > self.fold.end().seq {
             let root = audit::tree_after(&tx, self.fold.tree())?.root();
-            let end = Checkpoint::sign(&self.store_id, (answer.1, root), self.link.clone(), None, &self.key);
+            let (wall_ms, link) = (audit::wall_ms_of(&tx, answer.1.seq)?, self.link.clone());
+            let end = Checkpoint::sign(&self.store_id, (answer.1, root), wall_ms, link, None, &self.key);
             signed::write(&tx, &end)?;
         }
         tx.commit().map_err(StoreError::sql("commit a transaction"))?;
@@ -482,8 +489,8 @@ impl StoreWriter {
         };
         let written = root.and_then(|root| {
             let fold = self.snapshot(head)?;
-            let checkpoint =
-                Checkpoint::sign(&self.store_id, (head, root), self.link.clone(), fold, &self.key);
+            let (wall_ms, link) = (audit::wall_ms_of(&self.connection, head.seq)?, self.link.clone());
+            let checkpoint = Checkpoint::sign(&self.store_id, (head, root), wall_ms, link, fold, &self.key);
             checkpoint.write(&self.checkpoints)?;
             Ok(checkpoint)
         });
@@ -523,14 +530,6 @@ enum Others {
     Compared(i64),
     /// A row is not what the chain says, or the database has another shape.
     Altered(String),
-}
-
-/// SQLite's count of what others than this connection wrote to the database.
-fn written_by_others(connection: &Connection) -> Result<i64, StoreError> {
-    connection
-        .prepare_cached("PRAGMA data_version")
-        .and_then(|mut pragma| pragma.query_row([], |row| row.get(0)))
-        .map_err(StoreError::sql("ask what others wrote"))
 }
 
 /// Holds the tables against the chain as they are now, and tells the count of [`written_by_others`] at that moment.
@@ -584,7 +583,8 @@ fn sign_on(
         }
         found if found.as_ref().is_none_or(|end| end.root.is_none()) && fold.end().seq > 0 => {
             let tree_head = (fold.end(), fold.tree().root());
-            let end = Checkpoint::sign(store_id, tree_head, link.clone(), None, key);
+            let wall_ms = audit::wall_ms_of(connection, fold.end().seq)?;
+            let end = Checkpoint::sign(store_id, tree_head, wall_ms, link.clone(), None, key);
             signed::write(connection, &end)?;
         }
         Some(end)

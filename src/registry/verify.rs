@@ -7,10 +7,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use ed25519_dalek::VerifyingKey;
+use rusqlite::Connection;
 use serde::Serialize;
 
 use super::aside::wrong_shape;
-use super::audit::head;
+use super::audit::{self, head};
 use super::checkpoint::{BadFile, Checkpoint, Kept, read_all};
 use super::compare::{check_approvals, compare};
 use super::copies::{ChainAt, HeldCopy, check_copy, read_copies, read_witness};
@@ -189,7 +190,7 @@ pub fn verify_against(database: &Path, judged: &JudgedBy<'_>) -> Result<VerifyRe
     if let Some(key) = public_key {
         store_id::check_key(&store_id, key).map_err(VerifyError::Unsigned)?;
     }
-    let checkpoints = check_checkpoints(&kept, &fold, &store_id, public_key)?;
+    let checkpoints = check_checkpoints((&kept, &connection), &fold, &store_id, public_key)?;
     let by = (store_id.as_str(), public_key);
     let mut copies = Vec::new();
     for path in judged.against {
@@ -262,7 +263,7 @@ fn of_fault(fault: ChainFault) -> VerifyError {
 
 /// Every checkpoint names a record that is there with that hash, and is signed by the key.
 fn check_checkpoints(
-    kept: &[Kept],
+    (kept, connection): (&[Kept], &Connection),
     fold: &Fold,
     store_id: &str,
     public_key: Option<&VerifyingKey>,
@@ -280,6 +281,11 @@ fn check_checkpoints(
             Some(hash) if hash == checkpoint.head => {
                 if checkpoint.root.is_some() && checkpoint.root != fold.root(checkpoint.seq) {
                     return Err(bad("its tree head is not the one of these records".to_owned()));
+                }
+                let found_ms = audit::wall_ms_of(connection, checkpoint.seq);
+                let found_ms = found_ms.map_err(|error| bad(error.to_string()))?;
+                if checkpoint.wall_ms.is_some_and(|signed_ms| Some(signed_ms) != found_ms) {
+                    return Err(bad("its wall time is not the one of its record".to_owned()));
                 }
                 good += 1;
             }

@@ -28,6 +28,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, State};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd, VersionSummary};
+use holdpoint_governance::wall_time::WallTime;
 
 /// The most rows one call returns.
 pub const PAGE_ROWS_MAX: usize = 10_000;
@@ -183,18 +184,17 @@ impl Views {
         Ok((rows, total))
     }
 
-    /// Versions that were let in by the emergency door and are not reviewed yet, with the virtual time by which they
-    /// have to be, ms.
+    /// Versions that were let in by the emergency door and are not reviewed yet, with the time by which they have to be.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn open_reviews(&self) -> Result<Vec<(CapabilityId, u64)>, StoreError> {
+    pub fn open_reviews(&self) -> Result<Vec<(CapabilityId, WallTime)>, StoreError> {
         // A review names its version by the place in the family; few families have one.
         let sql = "SELECT v.name, json_extract(f.standing, '$.review.until_ms') FROM family f
              JOIN version v ON v.family = f.name
              WHERE instr(f.standing, '\"review\"') > 0 AND json_extract(f.standing, '$.review.version') =
                (SELECT count(*) FROM version w WHERE w.family = v.family AND w.id < v.id) ORDER BY v.id";
-        many(&self.connection, sql, [], |row| Ok((parsed(row, 0)?, row.get(1)?)))
+        many(&self.connection, sql, [], |row| Ok((parsed(row, 0)?, WallTime::from_ms(row.get(1)?))))
     }
 
     /// One version in full, `None` if there is none.
@@ -321,11 +321,20 @@ impl Views {
                 policy_digest: parsed(row, 4)?,
                 profile: parsed(row, 5)?,
                 needed: row.get(6)?,
-                deadline_ms: row.get(7)?,
+                until: WallTime::from_ms(row.get(7)?),
                 state: parsed(row, 8)?,
                 json: row.get(9)?,
             })
         })
+    }
+
+    /// When a request for approval was made, the engine's time, ms; `None` if there is none of that id.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn asked_ms(&self, request: &str) -> Result<Option<u64>, StoreError> {
+        let sql = "SELECT asked_ms FROM approval_request WHERE id = ?1";
+        one(&self.connection, sql, [request], |row| row.get(0))
     }
 
     /// Every version of a family, in the order of registration.

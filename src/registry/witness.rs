@@ -421,6 +421,7 @@ mod tests {
             head: Digest::of_parts("test", &[text.as_bytes()]),
             fold: None,
             link: None,
+            wall_ms: None,
             root: None,
             signature: "0".repeat(128),
         };

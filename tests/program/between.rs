@@ -200,7 +200,9 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
             lie(a, true, |facts| facts.risk = if facts.risk == Risk::High { Risk::Low } else { Risk::High });
         }),
         ("people needed", nothing, |a, _| lie(a, true, |facts| facts.needed += 1)),
-        ("deadline", nothing, |a, _| lie(a, true, |facts| facts.deadline_ms = Some(1))),
+        ("deadline", nothing, |a, _| {
+            lie(a, true, |facts| facts.until = Some(holdpoint_governance::wall_time::WallTime::default()))
+        }),
         ("robot", nothing, |a, _| lie(a, true, |facts| facts.robot = "another".to_owned())),
         ("evidence", nothing, |a, _| lie(a, true, |facts| facts.evidence = facts.policy)),
         ("candidate", nothing, |a, _| lie(a, true, |facts| facts.candidate = facts.policy)),
@@ -234,7 +236,7 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
         ("the request", nothing, |a, _| field(a, "request", json!("7".repeat(32)))),
         ("the store's key", nothing, |a, _| field(a, "store_key", json!("0".repeat(64)))),
         ("the store", nothing, |a, _| field(a, "store_id", json!("another"))),
-        ("a validity without end", nothing, |a, _| field(a, "valid_until_ms", json!(1_u64 << 50))),
+        ("a validity without end", nothing, |a, _| field(a, "valid_until", json!("9999-12-31T00:00:00Z"))),
         ("another's question", nothing, |a, known| {
             if let Some(question) = question(a) {
                 question.clone_from(&known.of_ben);

@@ -300,7 +300,8 @@ fn poisoned(text: &str, view: View) -> Model {
             text.clone_into(field);
         }
         alarm.acknowledged_by = Some(text.to_owned());
-        alarm.shelf = Some((text.to_owned(), text.to_owned(), 9));
+        alarm.shelf =
+            Some((text.to_owned(), text.to_owned(), holdpoint_governance::wall_time::WallTime::default()));
     }
     for candidate in &mut snapshot.candidates {
         text.clone_into(&mut candidate.author);

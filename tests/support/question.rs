@@ -49,7 +49,7 @@ pub fn facts(tier: u8, who: Option<&str>) -> QuestionFacts {
         profile: ProfileName::Human,
         site: None,
         needed: if tier == 2 { 2 } else { 1 },
-        deadline_ms: Some(NOW_MS + 1_742_000),
+        until: Some(TIME.plus_ms(1_742_000)),
         risk: Risk::High,
         assessed: Some(RiskClass {
             class: Risk::High,
@@ -99,7 +99,7 @@ pub fn asked(tier: u8, who: &str) -> Box<QuestionView> {
         request: serde_json::from_value(Value::String("07".repeat(16))).unwrap(),
         store_id: "store".to_owned(),
         store_key: "0".repeat(64),
-        valid_until_ms: NOW_MS + 600_000,
+        valid_until: TIME.plus_ms(600_000),
     })
 }
 
@@ -119,10 +119,10 @@ pub fn question(tier: u8) -> PromptView {
         granted: false,
         needed: facts.needed,
         approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
-        deadline_ms: NOW_MS + 1_742_000,
-        valid_until_ms: NOW_MS + 600_000,
+        until: TIME.plus_ms(1_742_000),
+        valid_until: TIME.plus_ms(600_000),
         store_id: "store".to_owned(),
-        asked_ms: NOW_MS - 58_000,
+        asked: TIME.minus_secs(58.0),
         tier,
         author: facts.author.in_words(),
         requester: facts.requester.clone(),

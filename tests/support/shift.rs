@@ -7,7 +7,7 @@ use holdpoint_governance::approval::Requester;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, SandboxMode, Signature};
-use holdpoint_governance::ids::{CapabilityId, Digest, Family};
+use holdpoint_governance::ids::Family;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::metrics::observed::ObservedCounts;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
@@ -16,6 +16,7 @@ use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 use holdpoint_governance::risk::RiskCause;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::vocabulary::Deployability;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::detail::{Detail, Difference, DrillView, Measure, ModeView, RegistryPage, WhyView};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explained::{Explained, ExplainedReason, Rule, Ruling};
@@ -31,6 +32,11 @@ mod question;
 
 pub use question::*;
 
+#[path = "names.rs"]
+mod names;
+
+pub use names::{digest, id};
+
 /// The profile's limits of the four kappas.
 const LIMITS: [f64; 4] = [0.90, 0.95, 0.90, 0.85];
 
@@ -39,14 +45,7 @@ pub const NOW_MS: u64 = 761_000;
 
 /// The machine's time then, ms since 1970: Tue 17 Nov 2026, 08:12:41 UTC.
 pub const WALL_MS: i64 = 1_794_903_161_000;
-
-pub fn digest(text: &str) -> Digest {
-    Digest::of_parts("test", &[text.as_bytes()])
-}
-
-pub fn id(text: &str) -> CapabilityId {
-    text.parse().unwrap()
-}
+pub const TIME: WallTime = WallTime::from_ms(WALL_MS);
 
 fn reason(code: ReasonCode, dimension: Dimension, text: &str) -> Reason {
     Reason { code, dimension, text: text.to_owned(), evidence: Some(0.871), limit: Some(0.9) }
@@ -224,7 +223,8 @@ fn alarms() -> Vec<AlarmView> {
     let late = "frames arrive late, 3 in a minute";
     let mut shelved = alarm("camera:align@1.0.0", P::Low, S::Shelved, late, 400_000);
     shelved.state_below = S::Unacknowledged;
-    shelved.shelf = Some(("grace".to_owned(), "the camera is being exchanged".to_owned(), NOW_MS + 900_000));
+    shelved.shelf =
+        Some(("grace".to_owned(), "the camera is being exchanged".to_owned(), TIME.plus_ms(900_000)));
     shelved.raises = 7;
     shelved.chattering = true;
     let silent = "the monitor has had no samples for 3 s and holds the arm";
@@ -343,6 +343,8 @@ pub fn snapshot() -> Snapshot {
     Snapshot {
         at_ms: NOW_MS,
         wall_ms: Some(WALL_MS),
+        time: TIME,
+        clock_doubt: None,
         profile: ProfileName::Human,
         site: None,
         signing: None,

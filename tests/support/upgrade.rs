@@ -181,7 +181,7 @@ fn upgrade() -> Vec<(u64, EventKind)> {
             version: id(NEW),
             replaces: Some(id(OLD)),
             needed: 1,
-            deadline_ms: 900_000,
+            until: holdpoint_governance::wall_time::WallTime::SCRIPT_EPOCH.plus_ms(900_000),
             evidence: digest("evidence"),
             author: "ada".to_owned(),
             new_permissions: Vec::new(),

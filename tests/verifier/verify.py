@@ -76,10 +76,11 @@ class Head:
     """A signed head: the end of the chain at some moment."""
 
     def __init__(self, value, line):
-        fields(value, "store_id", "seq", "at_ms", "head", "fold?", "link?", "root?", "signature")
+        fields(value, "store_id", "seq", "at_ms", "head", "fold?", "link?", "root?", "wall_ms?", "signature")
         self.line, self.store_id, self.seq = line, value["store_id"], value["seq"]
         self.hash = digits(value["head"], 32)
         self.root = digits(value["root"], 32) if "root" in value else None
+        self.wall_ms = whole(value["wall_ms"]) if "wall_ms" in value else None
         self.signature = signature_of(value["signature"])
         self.written = text(value["signature"])
         fold = digits(value["fold"], 32) if "fold" in value else None
@@ -92,7 +93,11 @@ class Head:
             linked = [number(self.number), self.previous, bytes([self.gap])]
             earlier = number(self.earlier)
             if self.root is not None:
-                self.signed = digest("holdpoint/checkpoint/v4", *end, *linked, earlier, self.root, fold or b"")
+                tree = [*end, *linked, earlier, self.root, fold or b""]
+                if self.wall_ms is not None:
+                    self.signed = digest("holdpoint/checkpoint/v5", *tree, self.wall_ms.to_bytes(8, "little", signed=True))
+                else:
+                    self.signed = digest("holdpoint/checkpoint/v4", *tree)
             else:
                 self.signed = digest("holdpoint/checkpoint/v3", *end, *linked, fold or b"")
         else:
@@ -107,6 +112,8 @@ class Head:
 
     def follows(self, before):
         """Why it does not follow from the one before, if it does not."""
+        if self.root is None and self.wall_ms is not None:
+            return "it has a wall time, and no tree head with which it is signed"
         if self.root is None and before is not None and before.root is not None:
             return "it has no tree head, although the one before has"
         if self.link is None:
@@ -477,7 +484,7 @@ class Export:
         self.seq, self.last, self.at_ms = seq, found, record["at_ms"]
         self.tree.push(found)
         if seq in self.spoken_of:
-            self.seen[seq] = (found, self.tree.root())
+            self.seen[seq] = (found, self.tree.root(), record["wall_ms"])
 
     def take_body(self, record):
         """What a record says of persons, approvals, and what was shown."""
@@ -542,11 +549,13 @@ class Export:
             return
         if head.seq not in self.seen:
             raise Bad(what, head.line, f"its record {head.seq} is missing")
-        found, root = self.seen[head.seq]
+        found, root, wall_ms = self.seen[head.seq]
         if found != head.hash:
             raise Bad(what, head.line, "its record is another one: history was rewritten")
         if head.root is not None and head.root != root:
             raise Bad(what, head.line, "its tree head is not the one of these records")
+        if head.wall_ms is not None and head.wall_ms != wall_ms:
+            raise Bad(what, head.line, "its wall time is not the one of its record")
 
     def check_links(self):
         heads = self.heads

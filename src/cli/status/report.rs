@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::StatusSubject;
 use super::waiting::WaitingRow;
 use crate::cli::profile_on_record;
+use crate::cli::prune::wall_ms;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::door::{DoorError, Doubt};
@@ -21,6 +22,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Flags, Stage, State};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{Purpose, QuestionView, ReadingView, Snapshot, StoppedView};
 use holdpoint_protocol::words::clock_time;
 use holdpoint_registry::{AuditFilter, Layout, VersionFilter, Views, lock_owner};
@@ -172,7 +174,9 @@ impl StatusReport {
             .collect();
         // A running engine knows what it asks now; without one the store tells what was asked last.
         let waiting = match engine {
-            Some(engine) => engine.prompts.iter().map(WaitingRow::asked).collect(),
+            Some(engine) => {
+                engine.prompts.iter().map(|prompt| WaitingRow::asked(prompt, engine.time)).collect()
+            }
             None => {
                 // An engine that was interrupted may have left an earlier question of the same version.
                 let requests = views.open_requests().map_err(CliError::usage)?;
@@ -191,7 +195,7 @@ impl StatusReport {
                         .iter()
                         .any(|version| version.version == request.version && version.state == State::Active);
                     let purpose = if is_active { Purpose::Release } else { Purpose::Activation };
-                    Ok(WaitingRow::stored(request, purpose, &answers, &persons))
+                    Ok(WaitingRow::stored(request, purpose, &answers, &persons, WallTime::from_ms(wall_ms())))
                 });
                 rows.collect::<Result<Vec<_>, CliError>>()?
             }

@@ -3,6 +3,7 @@
 use holdpoint_approvals::{PersonState, Persons};
 use holdpoint_governance::approval::Answer;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use holdpoint_registry::{ApprovalEntry, ApprovalRequest};
 use holdpoint_text::Untrusted;
@@ -21,14 +22,18 @@ pub(super) struct WaitingRow {
     pub(super) granted: bool,
     /// Whether an engine asks; without one it is asked again by the next.
     pub(super) asked: bool,
-    pub(super) deadline_ms: u64,
+    /// When it becomes a hold.
+    pub(super) until: WallTime,
+    /// The time that it is held against now.
+    #[serde(skip)]
+    pub(super) now: WallTime,
     /// Permissions that the active version does not have, or has at a lower level.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) new_permissions: Vec<Untrusted>,
 }
 
 impl WaitingRow {
-    pub(super) fn asked(prompt: &PromptView) -> Self {
+    pub(super) fn asked(prompt: &PromptView, now: WallTime) -> Self {
         Self {
             version: prompt.version.clone(),
             evidence: prompt.evidence.short(),
@@ -37,7 +42,8 @@ impl WaitingRow {
             approved_by: prompt.approved_by.clone(),
             granted: prompt.granted,
             asked: true,
-            deadline_ms: prompt.deadline_ms,
+            until: prompt.until,
+            now,
             new_permissions: prompt.new_permissions.iter().map(|name| name.as_str().into()).collect(),
         }
     }
@@ -49,6 +55,7 @@ impl WaitingRow {
         purpose: Purpose,
         answers: &[ApprovalEntry],
         persons: &Persons,
+        now: WallTime,
     ) -> Self {
         let is_enrolled =
             |who: &str| persons.named(who).is_some_and(|person| person.state == PersonState::Enrolled);
@@ -80,7 +87,8 @@ impl WaitingRow {
             approved_by,
             granted: false,
             asked: false,
-            deadline_ms: request.deadline_ms,
+            until: request.until,
+            now,
         }
     }
 
@@ -102,15 +110,15 @@ impl WaitingRow {
                  sequence that runs is over{new}"
             );
         }
-        let (people, until) = (self.people(), self.deadline_ms / 1000);
+        let (people, until) = (self.people(), self.until.as_deadline(self.now));
         if !self.asked {
             return format!(
-                "waiting  {version} for an engine, which asks {people} to approve the evidence {evidence}{purpose} until its clock is \
-                 at {until} s; on record as approved by {have}{new}"
+                "waiting  {version} for an engine, which asks {people} to approve the evidence {evidence}{purpose} by {until}; \
+                 on record as approved by {have}{new}"
             );
         }
         format!(
-            "waiting  {version} for {people} to approve the evidence {evidence} by {until} s{purpose}; approved by {have}{new}"
+            "waiting  {version} for {people} to approve the evidence {evidence}{purpose} by {until}; approved by {have}{new}"
         )
     }
 
@@ -138,7 +146,7 @@ mod tests {
             policy_digest: Digest::of_parts("a test", &[b"policy"]),
             profile: ProfileName::Human,
             needed: 2,
-            deadline_ms: 90_000,
+            until: WallTime::SCRIPT_EPOCH.plus_ms(90_000),
             state: RequestState::Open,
             json: r#"{"new_permissions":["zone tray"]}"#.to_owned(),
         }
@@ -173,7 +181,7 @@ mod tests {
             profile: over.profile,
             store_id: "store".to_owned(),
             nonce: Nonce::random().unwrap(),
-            not_after_ms: 60_000,
+            not_after_ms: WallTime::SCRIPT_EPOCH.plus_ms(60_000).ms().unsigned_abs(),
             break_glass: false,
             shown: None,
         };
@@ -200,7 +208,7 @@ mod tests {
             answer(&tom, Answer::Approve, &asked, None),
         ];
         let stored = |answers: &[ApprovalEntry]| {
-            WaitingRow::stored(asked.clone(), Purpose::Activation, answers, &persons)
+            WaitingRow::stored(asked.clone(), Purpose::Activation, answers, &persons, WallTime::SCRIPT_EPOCH)
         };
         let row = stored(&answers);
         assert_eq!(row.approved_by, ["ana"]);
@@ -227,7 +235,13 @@ mod tests {
         let asked = request("now");
         let evidence = asked.evidence_digest.short();
         let approved_by = vec!["ana".to_owned(), "ben".to_owned()];
-        let stored = WaitingRow::stored(asked, Purpose::Activation, &[], &Persons::none("store"));
+        let stored = WaitingRow::stored(
+            asked,
+            Purpose::Activation,
+            &[],
+            &Persons::none("store"),
+            WallTime::SCRIPT_EPOCH,
+        );
         let row = WaitingRow { approved_by, granted: true, new_permissions: Vec::new(), ..stored };
         assert_eq!(
             row.line(),

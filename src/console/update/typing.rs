@@ -177,6 +177,7 @@ fn run(model: &mut Model, asked: Asked) -> Vec<Effect> {
         }
         Asked::Profile(profile, close) => super::operating::on_profile(model, profile, close),
         Asked::Goal(goal) => super::operating::goal(model, goal),
+        Asked::ConfirmTime => super::operating::confirm_time(model),
         Asked::Note(text) => super::operating::note(model, &text),
         Asked::Candidate(version) => {
             model.place.chosen = Some(version);

@@ -17,7 +17,7 @@ use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::{duration, seconds};
-use holdpoint_protocol::calendar;
+use holdpoint_governance::calendar;
 use holdpoint_protocol::health::AlarmStep;
 
 /// Lines for the one under the cursor.

@@ -110,8 +110,8 @@ fn words(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row
         &format!("about {}, for {since}, raised {times}{chatter}", alarm.subject),
     ));
     rows.push(Row::of(ThemeRole::Text, &attention(alarm)));
-    if let Some((by, why, until_ms)) = &alarm.shelf {
-        let back = seconds(*until_ms);
+    if let Some((by, why, until)) = &alarm.shelf {
+        let back = until.spoken();
         let below = Mark::alarm_state(alarm.state_below).word;
         rows.push(Row::of(
             ThemeRole::Text,

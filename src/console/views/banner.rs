@@ -12,7 +12,7 @@ use crate::theme::Mark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use crate::words::{duration, seconds};
-use holdpoint_protocol::calendar;
+use holdpoint_governance::calendar;
 
 /// From so many columns on the views' line says who else is here.
 pub const OTHERS_NAMED_FROM: u16 = 100;
@@ -111,6 +111,9 @@ fn doubts(model: &Model, pen: &Pen<'_>, width: usize) -> Row {
     }
     if model.told.snapshot.as_ref().is_some_and(|snapshot| snapshot.unauthorized.is_some()) {
         say(ThemeRole::Held, &format!("{} PROFILE NOT AUTHORIZED", pen.look.glyph(Glyph::Paused)));
+    }
+    if model.told.snapshot.as_ref().is_some_and(|snapshot| snapshot.clock_doubt.is_some()) {
+        say(ThemeRole::Held, &format!("{} TIME NOT CONFIRMED", pen.look.glyph(Glyph::Paused)));
     }
     // Until it is reviewed it is said on every screen, also where its alarm was acknowledged.
     for family in model.told.snapshot.iter().flat_map(|snapshot| &snapshot.families) {

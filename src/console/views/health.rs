@@ -24,8 +24,8 @@ use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
 use crate::widgets::pen::{Fit, Pen, above, below, cut};
 use crate::widgets::row::{Row, wrap};
 use crate::words::seconds;
+use holdpoint_governance::calendar;
 use holdpoint_governance::ids::Family;
-use holdpoint_protocol::calendar;
 use holdpoint_protocol::health::{
     HealthClock, HealthMark, HealthPoint, HealthSeries, MarkKind, Trend, together,
 };

@@ -179,7 +179,7 @@ pub fn waiting_row(model: &Model, item: &WaitingItem<'_>, pen: &Pen<'_>) -> Row 
             .with(ThemeRole::Text, &question.version.to_string())
             .with(ThemeRole::Muted, &format!("  rolled back in {}", left(question.deadline_ms, now_ms))),
         WaitingItem::Prompt(prompt) => {
-            let (count, next) = approvals(prompt, model.is_stopped(), now_ms);
+            let (count, next) = approvals(prompt, model.is_stopped(), model.time());
             let role = if prompt.granted { ThemeRole::Text } else { ThemeRole::Muted };
             Row::of(ThemeRole::Waiting, &format!("{glyph} approval "))
                 .with(ThemeRole::Text, &format!("{}  {count}", prompt.version))

@@ -24,6 +24,7 @@ use crate::words::{
 };
 use holdpoint_governance::decision::telling;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot};
 
 /// Rows for what would end a stage early.
@@ -158,8 +159,9 @@ fn rows(
     let question = now.and_then(|now| now.prompts.iter().find(|asked| asked.version == candidate.version));
     let still = now.and_then(stands_still);
     let muted = |text: &str| Row::of(ThemeRole::Muted, &super::short(text, width));
+    let time = now.map_or_else(WallTime::default, |now| now.time_at(now_ms));
     if let Some(question) = question.filter(|_| candidate.flags.awaiting_approval) {
-        let (count, next) = approvals(question, now.is_some_and(|now| now.stopped.is_some()), now_ms);
+        let (count, next) = approvals(question, now.is_some_and(|now| now.stopped.is_some()), time);
         rows.push(Row::of(ThemeRole::Waiting, &super::short(&format!("{count} approved, {next}"), width)));
     } else if let (Some(progress), Some(why)) = (under_way(candidate), still) {
         // Time passes all the same: it says nothing of when this ends.

@@ -162,6 +162,9 @@ pub(super) fn change(reason: &Noted, dossier: &DossierRecord) -> Option<String> 
         Code::ApprovalTimeout => {
             "people have to answer by the deadline; `holdpoint resume` asks again".to_owned()
         }
+        Code::GateClockDoubted => {
+            "a person has to confirm the time (`holdpoint confirm-time`); `holdpoint resume` asks the gate again".to_owned()
+        }
         Code::GateFrozen => "the freeze has to end".to_owned(),
         Code::GateProfileUnauthorized => {
             "an administrator has to sign the profile: `holdpoint profile allow`".to_owned()

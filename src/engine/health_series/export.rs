@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
+use holdpoint_governance::calendar;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_plot::{TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};
-use holdpoint_protocol::calendar;
 use holdpoint_protocol::health::{HealthClock, HealthPoint, HealthSeries};
 use holdpoint_protocol::words::clock_time;
 use holdpoint_text::Untrusted;

@@ -158,6 +158,7 @@ pub(super) fn of_alarms(span: &Span, alarms: &[AlarmSpell]) -> Vec<HealthMark> {
             | AlarmKind::NameTaken
             | AlarmKind::CameUpStopped
             | AlarmKind::ProfileUnauthorized
+            | AlarmKind::ClockDoubted
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,
         };
         let family = family_of(&key);
@@ -215,6 +216,7 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
         | AlarmKey::NameTaken
         | AlarmKey::CameUpStopped
         | AlarmKey::ProfileUnauthorized
+        | AlarmKey::ClockDoubted
         | AlarmKey::EngineFault => None,
     }
 }

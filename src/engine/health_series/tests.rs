@@ -79,7 +79,8 @@ impl Shift {
     }
 
     fn alarm(&mut self, book: &mut AlarmBook, event: &AlarmEvent) {
-        let changes = apply(book, event, self.at_ms).unwrap();
+        let wall = holdpoint_governance::wall_time::WallTime::SCRIPT_EPOCH.plus_ms(self.at_ms);
+        let changes = apply(book, event, self.at_ms, wall).unwrap();
         let stored = changes.iter().filter_map(|change| match change {
             AlarmChange::Set { alarm, .. } => Some(Change::AlarmChange {
                 alarm: alarm.key.to_string(),
@@ -299,11 +300,11 @@ fn the_course_of_an_alarm_says_who_did_what_and_how_long_it_stood() {
     shift.at_ms += MINUTE_MS;
     shift.alarm(&mut book, &AlarmEvent::Acknowledge { key: key.clone(), by: "ana".to_owned() });
     shift.at_ms += MINUTE_MS;
-    let until_ms = shift.at_ms + MINUTE_MS;
+    let until = holdpoint_governance::wall_time::WallTime::SCRIPT_EPOCH.plus_ms(shift.at_ms + MINUTE_MS);
     let shelve = AlarmEvent::Shelve {
         key: key.clone(),
         by: "bo".to_owned(),
-        until_ms,
+        until,
         reason: "the mount is on its way".into(),
     };
     shift.alarm(&mut book, &shelve);

@@ -14,12 +14,14 @@ use holdpoint_governance::metrics::observed::HumanAct;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
+use holdpoint_governance::wall_time::ClockDoubt;
 use holdpoint_governance::words::Word;
 use holdpoint_registry::{StoreError, Views};
 
 use super::acted::cause;
 use super::bodies::{ActiveSet, Sealed, SealedBlock, change};
 use crate::context::ContextRecord;
+use crate::doubted_clock;
 
 /// A version's lifecycle state moved.
 #[derive(Clone, Debug)]
@@ -94,6 +96,8 @@ pub(super) struct History {
     emergencies: Vec<EmergencySeen>,
     /// What people did, with the record of it; who took a version off stands in its evidence.
     pub(super) acts: Vec<(u64, HumanAct)>,
+    /// When the machine's clock was not believed any more, and why, or again.
+    clock: Vec<(u64, Option<ClockDoubt>)>,
     /// When versions were confirmed.
     confirmed: BTreeMap<CapabilityId, Vec<u64>>,
 }
@@ -252,6 +256,11 @@ impl History {
                 }
             }
             // Nothing that is measured here, and no decision of a rule.
+            RecordKind::ClockDoubted => {
+                let doubt = doubted_clock::read(&record.body);
+                self.clock.push((record.seq, Some(doubt)));
+            }
+            RecordKind::ClockConfirmed => self.clock.push((record.seq, None)),
             RecordKind::FlagsSet
             | RecordKind::ScoresSet
             | RecordKind::FamilySet
@@ -354,6 +363,11 @@ impl History {
         let changes = self.closed.get(id).map_or(&[] as &[_], Vec::as_slice);
         let last = changes.iter().rev().find(|(at, _)| *at < seq);
         last.map_or_else(BTreeSet::new, |(_, closed)| closed.clone())
+    }
+
+    /// Why the machine's clock was not believed before a record was written, if so.
+    pub(super) fn clock_doubt_before(&self, seq: u64) -> Option<ClockDoubt> {
+        self.clock.iter().rev().find(|(at, _)| *at < seq).and_then(|(_, doubt)| *doubt)
     }
 
     /// Whether an emergency activation of a family waited for its review before a record was written.

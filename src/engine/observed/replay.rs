@@ -32,6 +32,7 @@ use holdpoint_governance::recovery;
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::search::Searched;
 use holdpoint_governance::shift::{hold_against_sandbox, is_suspicious, judge_again};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::names::EvidenceKind;
 use holdpoint_registry::{ApprovalEntry, EvidenceEntry, StoreError, Views};
 use holdpoint_runtime::capability::Capability;
@@ -320,7 +321,8 @@ impl<'a> Replayer<'a> {
             unmet: &unmet(&candidate.manifest, &self.registered_before(asked_seq)?),
             review_open: self.history.review_open_before(&of.id.family, asked_seq),
             profile_authorized: true,
-            now_s: secs(record.at_ms),
+            now: wall_of(record),
+            clock_doubt: self.history.clock_doubt_before(asked_seq),
             row_version: 0,
             made_under: *under,
             omitted: Omitted::default(),
@@ -382,10 +384,12 @@ fn made_under(record: &AuditRecord) -> Option<MadeUnder> {
     Some(*decision.made_under())
 }
 
-/// Virtual milliseconds as the rules take them.
-#[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one store's life")]
-fn secs(ms: u64) -> f64 {
-    ms as f64 / 1000.0
+/// When a record was written, as deadlines were held against it; a script's by its own clock.
+fn wall_of(record: &AuditRecord) -> WallTime {
+    match record.wall_ms {
+        0 => WallTime::SCRIPT_EPOCH.plus_ms(record.at_ms),
+        wall_ms => WallTime::from_ms(wall_ms),
+    }
 }
 
 /// A dossier that was assessed; nothing for evidence in another form.

@@ -13,6 +13,7 @@ use crate::ledger::Ledger;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::wall_clock::WallClock;
 use crate::world::switch::Controls;
 use holdpoint_body::rehearsal::{DriftKind, Magnitude};
 use holdpoint_governance::decision::ReasonCode;
@@ -96,7 +97,7 @@ fn registered(
         controls: Controls::default(),
         omitted: holdpoint_governance::omitted::Omitted::default(),
     };
-    let ledger = Ledger::open(Store::open(folder.path()).unwrap(), false).unwrap();
+    let ledger = Ledger::open(Store::open(folder.path()).unwrap(), WallClock::scripted(0, None)).unwrap();
     let baselines = crate::embedded::baselines().unwrap();
     let mut pipeline = Pipeline::new(settings, ledger, Clock::scripted(0), baselines).unwrap();
     let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);

@@ -17,6 +17,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Provenance;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
@@ -80,7 +81,7 @@ impl Approvals {
             prompt.votes.retain(|vote| vote.key != key);
             prompt.signed.retain(|signed| signed.public_key() != key);
             count += before - prompt.votes.len();
-            match prompt.result(context, record.now_s()).outcome {
+            match prompt.result(context, record.wall_now()).outcome {
                 ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {}
                 ApprovalOutcome::Pending { .. }
                 | ApprovalOutcome::TimedOut
@@ -94,10 +95,10 @@ impl Approvals {
 
     /// Questions whose time is over.
     #[must_use]
-    pub fn due(&self, now_ms: u64) -> Vec<CapabilityId> {
+    pub fn due(&self, now: WallTime) -> Vec<CapabilityId> {
         let due = |(id, prompt): &(&CapabilityId, &PendingQuestion)| {
             let waits = prompt.purpose != Purpose::Review && !self.granted.contains(*id);
-            waits && prompt.deadline_ms <= now_ms
+            waits && prompt.request.until <= now
         };
         self.prompts.iter().filter(due).map(|(id, _)| id.clone()).collect()
     }
@@ -112,10 +113,10 @@ impl Approvals {
         self.prompts.iter().filter(changed).map(|(id, _)| id.clone()).collect()
     }
 
-    /// The next deadline, virtual ms.
+    /// The next deadline.
     #[must_use]
-    pub fn next_ms(&self) -> Option<u64> {
-        self.prompts.values().filter(|prompt| !prompt.overdue).map(|prompt| prompt.deadline_ms).min()
+    pub fn next(&self) -> Option<WallTime> {
+        self.prompts.values().filter(|prompt| !prompt.overdue).map(|prompt| prompt.request.until).min()
     }
 
     /// What waits for people.
@@ -188,10 +189,11 @@ impl Approvals {
         let settings = context.profile.approval;
         let (version, _, member) = record.ledger().version(id)?;
         let row_version = member.row_version;
-        let now_ms = record.now_ms();
-        let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.timeout_s));
+        let now = record.wall_now();
+        let until = now.plus_secs(settings.timeout_s);
         // An engine that comes up again asks the same question anew, with another deadline: another request.
-        let prompt_id = format!("{}-{}-{row_version}-{}-{now_ms}", id.family, id.version, evidence.short());
+        let prompt_id =
+            format!("{}-{}-{row_version}-{}-{}", id.family, id.version, evidence.short(), now.ms());
         let dossier = dossiers.edit(id);
         let risk = origin::assessed_risk(dossier);
         let question = ApprovalRequest {
@@ -202,7 +204,7 @@ impl Approvals {
             policy_digest: context.digest,
             profile: context.profile.name,
             needed: u32::from(quorum),
-            deadline_ms,
+            until,
             state: RequestState::Open,
             json: serde_json::to_string(dossier)?,
         };
@@ -220,8 +222,8 @@ impl Approvals {
             quorum,
             risk,
             review,
-            time_ms: [now_ms, deadline_ms],
-            counted_from_s: record.now_s(),
+            asked: now,
+            until,
         };
         let prompt = PendingQuestion::new(context, record, id, asked)?;
         self.open(context, record, dossiers, id, prompt);
@@ -247,7 +249,7 @@ impl Approvals {
             version: id.clone(),
             replaces: asked.replaces,
             needed: asked.needed,
-            deadline_ms: asked.deadline_ms,
+            until: asked.until,
             evidence: asked.evidence,
             author: asked.author,
             new_permissions: asked.new_permissions,
@@ -284,6 +286,7 @@ impl Approvals {
             let text = format!("nothing waits for a decision on {id}");
             return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
         };
+        let now = record.wall_now();
         let profile =
             if said.profile == context.profile.name { context.profile_digest } else { context.digest };
         let subject = Subject {
@@ -297,7 +300,7 @@ impl Approvals {
             let text = format!("the decision on {id} is over something that has changed since");
             return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));
         }
-        if prompt.has_answered(&said.who, said.decision, record.now_s()) {
+        if prompt.has_answered(&said.who, said.decision, now) {
             let (who, answer) = (&said.who, said.decision.name());
             let text =
                 format!("{who} has answered {answer} on {id} already; the same answer is not taken twice");
@@ -309,8 +312,6 @@ impl Approvals {
             Ok(shown) => shown,
             Err(refused) => return Ok(Err(refused)),
         };
-        #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
-        let expires_s = said.not_after_ms as f64 / 1000.0;
         let records = shown.iter().map(|shown| shown.record(&said)).collect::<Result<Vec<_>, _>>()?;
         record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
         let Some(prompt) = self.prompts.get_mut(&id) else {
@@ -324,13 +325,13 @@ impl Approvals {
             answer: said.decision,
             reason: said.reason.clone(),
             subject,
-            expires_s,
+            until: said.not_after(),
             break_glass: false,
             signature: SignatureCheck::Valid,
             nonce_used: false,
         });
         prompt.signed.push(signed);
-        let result = prompt.result(context, record.now_s());
+        let result = prompt.result(context, record.wall_now());
         let needed = u32::from(prompt.request.quorum);
         let have = match &result.outcome {
             ApprovalOutcome::Granted { people, .. } => u32::try_from(people.len()).unwrap_or(u32::MAX),
@@ -377,7 +378,7 @@ pub fn closing_note(
         policy_digest: context.digest,
         profile: context.profile.name,
         needed: u32::from(prompt.request.quorum),
-        deadline_ms: prompt.deadline_ms,
+        until: prompt.request.until,
         state,
         json: "{}".to_owned(),
     };
@@ -415,7 +416,6 @@ pub(super) fn view(
     let quorum = prompt.request.quorum;
     let empty = Dossier::default();
     let dossier = dossiers.of(id).unwrap_or(&empty);
-    let valid_ms = secs_to_ms(context.profile.approval.valid_s);
     PromptView {
         id: prompt.id.clone(),
         version: id.clone(),
@@ -429,10 +429,10 @@ pub(super) fn view(
         needed: u32::from(quorum),
         granted: false,
         approved_by: approved.map(|vote| vote.person.clone()).collect(),
-        deadline_ms: prompt.deadline_ms,
-        valid_until_ms: record.now_ms().saturating_add(valid_ms),
+        until: prompt.request.until,
+        valid_until: record.wall_now().plus_secs(context.profile.approval.valid_s),
         store_id: record.ledger().store().store_id().to_owned(),
-        asked_ms: prompt.asked_ms,
+        asked: prompt.asked,
         tier: tier(context.profile.name, quorum, prompt.review),
         author: prompt.request.author.in_words(),
         requester: prompt.request.requester.clone(),
@@ -452,13 +452,6 @@ pub(super) fn view(
         about: prompt.about.clone(),
         lines: asking::overview(context, record, dossiers, id, prompt),
     }
-}
-
-/// Whole milliseconds of a span; profiles hold finite, bounded, non-negative times.
-pub(super) fn secs_to_ms(secs: f64) -> u64 {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let ms = (secs.clamp(0.0, 1.0e9) * 1000.0) as u64;
-    ms
 }
 
 /// How much friction a decision needs (reference A6).

@@ -15,6 +15,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::outcome::{Assessment, Basis};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::strictness::Strictness;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::question::{
     AskedPerson, OnDrift, PairsFacts, QuestionFacts, QuestionView, RENDERER_VERSION, ShadowFacts, Untested,
@@ -23,7 +24,7 @@ use holdpoint_protocol::question::{
 use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_registry::AuditBody;
 
-use super::approvals::{Approvals, PendingQuestion, secs_to_ms};
+use super::approvals::{Approvals, PendingQuestion};
 use super::emergencies;
 use super::signers::person;
 use crate::binding::stale_causes;
@@ -134,7 +135,7 @@ impl Approvals {
         };
         let facts = facts(context, record, dossiers, id, asked, Some((&who.name, who.role)))?;
         let (lines, facts) = QuestionView::texts(&facts)?;
-        let valid_until_ms = valid_until_ms(context, record, asked);
+        let valid_until = valid_until(context, record, asked);
         let question = asked.id.clone();
         let Some(request) = self.requests.nonce(record, &question, &who.name)? else {
             let text = format!("{REQUESTS_MAX} requests for open questions are remembered already");
@@ -147,7 +148,7 @@ impl Approvals {
             request,
             store_id: store.store_id().to_owned(),
             store_key: hex(store.public_key().as_bytes()),
-            valid_until_ms,
+            valid_until,
         };
         Ok(Reply::Question { question: Box::new(question) })
     }
@@ -178,7 +179,7 @@ impl Approvals {
         if !self.requests.is_open(&asked.id, &said.who, &shown.request) {
             return stale("it answers a request that is not open");
         }
-        if said.not_after_ms > valid_until_ms(context, record, asked) {
+        if said.not_after() > valid_until(context, record, asked) {
             return stale("it would count for longer than an answer may");
         }
         match as_shown(context, record, dossiers, asked, said, shown)? {
@@ -208,12 +209,12 @@ impl Approvals {
     }
 }
 
-/// Until when an answer that is given now counts, virtual ms.
-fn valid_until_ms(context: &Context, record: &Record, asked: &PendingQuestion) -> u64 {
+/// Until when an answer that is given now counts.
+fn valid_until(context: &Context, record: &Record, asked: &PendingQuestion) -> WallTime {
     match asked.purpose {
-        Purpose::Emergency => asked.deadline_ms,
+        Purpose::Emergency => asked.request.until,
         Purpose::Activation | Purpose::Release | Purpose::Review => {
-            record.now_ms().saturating_add(secs_to_ms(context.profile.approval.valid_s))
+            record.wall_now().plus_secs(context.profile.approval.valid_s)
         }
     }
 }
@@ -304,7 +305,7 @@ fn facts(
         profile: profile.name,
         site: profile.site.clone(),
         needed: if asked.purpose == Purpose::Emergency { 1 } else { u32::from(request.quorum) },
-        deadline_ms: (asked.purpose != Purpose::Emergency).then_some(asked.deadline_ms),
+        until: (asked.purpose != Purpose::Emergency).then_some(asked.request.until),
         risk: request.risk,
         assessed: dossier.risk.clone(),
         requester: request.requester.clone(),
@@ -353,12 +354,12 @@ fn void(
         answer: Answer::Approve,
         reason: "asked".to_owned(),
         subject: asked.request.subject,
-        expires_s: f64::INFINITY,
+        until: WallTime::from_ms(i64::MAX),
         break_glass: asked.purpose == Purpose::Emergency,
         signature: SignatureCheck::Valid,
         nonce_used: false,
     };
-    let result = approval::evaluate(&asked.request, &[vote], record.now_s(), &context.profile.approval);
+    let result = approval::evaluate(&asked.request, &[vote], record.wall_now(), &context.profile.approval);
     let against = |code: &ReasonCode| matches!(code, ReasonCode::ApprovalSelf | ReasonCode::ApprovalRole);
     result.reasons.iter().map(|reason| reason.code).find(against)
 }

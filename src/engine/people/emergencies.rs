@@ -10,13 +10,14 @@ use holdpoint_governance::approval::{
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Review, Stage, State};
 use holdpoint_governance::submission::Risk;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use holdpoint_registry::names::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
 use holdpoint_text::is_visible;
 
-use super::approvals::{Approvals, NewQuestion, PendingQuestion, closing_note, secs_to_ms, tier, view};
+use super::approvals::{Approvals, NewQuestion, PendingQuestion, closing_note, tier, view};
 use super::asking::Shown;
 use super::signers::signer;
 use crate::context::Context;
@@ -31,8 +32,8 @@ pub(crate) struct Emergency {
     /// What they were shown.
     pub(crate) shown: Shown,
     pub(crate) result: ApprovalResult,
-    /// Virtual time by which it has to be reviewed, ms.
-    pub(crate) until_ms: u64,
+    /// By when it has to be reviewed.
+    pub(crate) until: WallTime,
 }
 
 /// Who broke the glass for a version, and why, as the store has it.
@@ -60,8 +61,7 @@ pub(super) fn door(
         return None;
     }
     let evidence = dossier.digest().ok()?;
-    let now_ms = record.now_ms();
-    let deadline_ms = now_ms.saturating_add(secs_to_ms(settings.break_glass_valid_s));
+    let now = record.wall_now();
     let risk = origin::assessed_risk(dossier);
     let asked = NewQuestion {
         id: format!("{}-{}-{}-emergency", id.family, id.version, member.row_version),
@@ -73,8 +73,8 @@ pub(super) fn door(
         quorum: approval::quorum(&settings, risk, false).max(2),
         risk,
         review: true,
-        time_ms: [now_ms, deadline_ms],
-        counted_from_s: record.now_s(),
+        asked: now,
+        until: now.plus_secs(settings.break_glass_valid_s),
     };
     PendingQuestion::new(context, record, id, asked).ok()
 }
@@ -90,7 +90,7 @@ pub(crate) fn views(context: &Context, record: &Record, dossiers: &Dossiers) -> 
             let id = member.capability.id();
             if let Some(question) = door(context, record, dossiers, &id) {
                 let mut shown = view(context, record, dossiers, &id, &question);
-                shown.valid_until_ms = question.deadline_ms;
+                shown.valid_until = question.request.until;
                 shown.tier = tier(context.profile.name, 2, true);
                 found.push(shown);
             }
@@ -143,21 +143,19 @@ pub(crate) fn check(
         policy: said.policy_digest,
         profile,
     };
-    #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
-    let expires_s = said.not_after_ms as f64 / 1000.0;
     let vote = Vote {
         person: said.who.clone(),
         key: signed.public_key().to_owned(),
         role: identity.role,
         answer: said.decision,
-        reason: said.reason,
+        reason: said.reason.clone(),
         subject,
-        expires_s,
+        until: said.not_after(),
         break_glass: said.break_glass,
         signature: SignatureCheck::Valid,
         nonce_used: false,
     };
-    let result = approval::evaluate(&question.request, &[vote], record.now_s(), &settings);
+    let result = approval::evaluate(&question.request, &[vote], record.wall_now(), &settings);
     if !result.is_emergency() {
         let why = result.reasons.last().map_or_else(String::new, |reason| reason.text.clone());
         return refuse(Refusal::NotAllowed, format!("{id} is not let in: {why}"), None);
@@ -169,8 +167,8 @@ pub(crate) fn check(
         }
         Err(refused) => return Ok(Err(refused)),
     };
-    let until_ms = said.not_after_ms.min(question.deadline_ms);
-    Ok(Ok(Emergency { signed, shown, result, until_ms }))
+    let until = said.not_after().min(question.request.until);
+    Ok(Ok(Emergency { signed, shown, result, until }))
 }
 
 impl Approvals {
@@ -193,7 +191,8 @@ impl Approvals {
         let risk = dossiers.of(id).map_or(Risk::High, origin::assessed_risk);
         let candidate = record.capability(id)?;
         let row_version = record.ledger().version(id)?.2.row_version;
-        let (now_ms, overdue) = (record.now_ms(), review.until_ms <= record.now_ms());
+        let now = record.wall_now();
+        let overdue = review.until <= now;
         let broken = broken_by(record, id)?;
         let (by, reason) = broken.as_ref().map_or_else(
             || ("engine".to_owned(), "its approval is not in the store".to_owned()),
@@ -206,10 +205,7 @@ impl Approvals {
         } else {
             format!("{by} let it in alone ({reason}); unreviewed by its deadline, it is taken off")
         };
-        let prompt_id = format!("{}-{}-{row_version}-review-{now_ms}", id.family, id.version);
-        // A profile's times are seconds; the question's own deadline is the review's.
-        #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one engine's life")]
-        let counted_from_s = review.until_ms as f64 / 1000.0 - context.profile.approval.timeout_s;
+        let prompt_id = format!("{}-{}-{row_version}-review-{}", id.family, id.version, now.ms());
         let asked = NewQuestion {
             id: prompt_id.clone(),
             purpose: Purpose::Review,
@@ -219,8 +215,8 @@ impl Approvals {
             quorum: REVIEWERS,
             risk,
             review: true,
-            time_ms: [now_ms, review.until_ms],
-            counted_from_s,
+            asked: now,
+            until: review.until,
         };
         let question = PendingQuestion { overdue, ..PendingQuestion::new(context, record, id, asked)? };
         let empty = Dossier::default();
@@ -232,7 +228,7 @@ impl Approvals {
             policy_digest: context.digest,
             profile: context.profile.name,
             needed: u32::from(REVIEWERS),
-            deadline_ms: review.until_ms,
+            until: review.until,
             state: RequestState::Open,
             json: serde_json::to_string(dossiers.of(id).unwrap_or(&empty))?,
         })));

@@ -2,6 +2,7 @@
 
 use super::Pipeline;
 use crate::alarms;
+use crate::doubted_clock;
 use crate::fault::Fault;
 use crate::goal;
 use crate::halt;
@@ -195,10 +196,10 @@ impl Pipeline {
                 Ok(self.alarm_command(alarm, |key| AlarmEvent::Reset { key, by, reason }, &done))
             }
             Command::ShelveAlarm { alarm, by, for_ms, reason } => {
-                let until_ms = self.record.now_ms().saturating_add(for_ms);
+                let until = self.record.wall_now().plus_ms(for_ms);
                 let done = format!("{alarm} is shelved");
                 let reason = Untrusted::new(reason);
-                Ok(self.alarm_command(alarm, |key| AlarmEvent::Shelve { key, by, until_ms, reason }, &done))
+                Ok(self.alarm_command(alarm, |key| AlarmEvent::Shelve { key, by, until, reason }, &done))
             }
             Command::UnshelveAlarm { alarm, by } => {
                 let done = format!("{alarm} is taken from its shelf");
@@ -210,6 +211,9 @@ impl Pipeline {
                     return Ok(refuse_unauthorized(why));
                 }
                 Ok(halt::go(record, world, by, reason, (since_ms, stops), caller.clone())?)
+            }
+            Command::ConfirmTime { by, reason, time } => {
+                Ok(doubted_clock::confirm(record, (by, reason), time, caller)?)
             }
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),

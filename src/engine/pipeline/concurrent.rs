@@ -79,6 +79,7 @@ impl Pipeline {
             | Command::ShelveAlarm { .. }
             | Command::UnshelveAlarm { .. }
             | Command::Stop { .. }
+            | Command::ConfirmTime { .. }
             | Command::Note { .. }
             | Command::Pace { .. }
             | Command::Question { .. }

@@ -30,7 +30,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     let mut second = pipeline(folder.path(), ProfileName::Human);
     let after = second.snapshot().prompts;
     // Until when a decision signed now is good is told anew.
-    before[0].valid_until_ms = after[0].valid_until_ms;
+    before[0].valid_until = after[0].valid_until;
     assert_eq!(after, before);
     let events = second.drain_events();
     assert!(!events.iter().any(|event| matches!(event, EventKind::ApprovalRequested { .. })), "{events:?}");
@@ -73,7 +73,7 @@ fn a_question_that_a_condition_asks_is_open_after_a_restart() {
         assert_eq!(before[0].needed, u32::from(quorum));
         drop(first);
         let after = pipeline(folder.path(), profile).snapshot().prompts;
-        before[0].valid_until_ms = after.first().map_or(0, |prompt| prompt.valid_until_ms);
+        before[0].valid_until = after.first().map_or(before[0].until, |prompt| prompt.valid_until);
         assert_eq!(after, before, "{profile:?}");
     }
 }

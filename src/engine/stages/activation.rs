@@ -8,6 +8,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::interface::unmet;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::Purpose;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
@@ -70,8 +71,8 @@ impl Activation<'_> {
         match (decision.outcome(), result.passed) {
             (GateOutcome::Pass, Some(passed)) => {
                 let body = serde_json::to_string(&result.decision)?;
-                let (agent, emergency_until_ms) = (self.agent, None);
-                let entry = Admission { passed: &passed, decision: body, agent, emergency_until_ms };
+                let (agent, emergency_until) = (self.agent, None);
+                let entry = Admission { passed: &passed, decision: body, agent, emergency_until };
                 activate(self.context, self.record, self.monitors, dossier, id, entry, &approvals)
             }
             (GateOutcome::AwaitApproval, _) => {
@@ -136,7 +137,7 @@ impl Activation<'_> {
                     self.record.start_stage(id, Stage::Activation, 1)?;
                 }
                 let gate = gate(self.context, self.record, self.dossiers, id, Some(result))?;
-                self.conclude(id, gate, prompt.into_counted(result, self.record.now_ms()))?;
+                self.conclude(id, gate, prompt.into_counted(result, self.record.wall_now()))?;
                 Ok(format!("{id} is approved"))
             }
             ApprovalOutcome::Refused { person } => {
@@ -192,7 +193,7 @@ impl Activation<'_> {
         if self.look_at_changed()? {
             return Ok(true);
         }
-        let due = self.approvals.due(self.record.now_ms());
+        let due = self.approvals.due(self.record.wall_now());
         for id in &due {
             match self.approvals.of(id).map(PendingQuestion::purpose) {
                 Some(Purpose::Release) => {
@@ -233,7 +234,7 @@ impl Activation<'_> {
             return Ok(());
         }
         let Some(prompt) = self.approvals.of(id) else { return Ok(()) };
-        let result = prompt.result(self.context, self.record.now_s());
+        let result = prompt.result(self.context, self.record.wall_now());
         self.settle(id, &result)?;
         Ok(())
     }
@@ -271,7 +272,8 @@ pub(crate) fn gate(
         closed: &closed,
         unmet: &unmet(&candidate.manifest, &registered(ledger)),
         review_open: ledger.family(&id.family)?.state.review.is_some(),
-        now_s: record.now_s(),
+        now: record.wall_now(),
+        clock_doubt: record.ledger().wall().doubt(),
         row_version: member.row_version,
         made_under,
         omitted: context.omitted,
@@ -287,8 +289,8 @@ pub(super) struct Admission<'a> {
     pub(super) decision: String,
     /// Whose capability it becomes.
     pub(super) agent: BoundAgent,
-    /// Until when one person's emergency approval holds unreviewed, virtual ms; absent in the ordinary way.
-    pub(super) emergency_until_ms: Option<u64>,
+    /// Until when one person's emergency approval holds unreviewed; absent in the ordinary way.
+    pub(super) emergency_until: Option<WallTime>,
 }
 
 /// Moves the binding: gate pass, used approvals, both state changes, pointer and record at once. Under another agent
@@ -299,7 +301,7 @@ pub(super) fn activate(
     monitors: &mut Monitors,
     dossier: &Dossier,
     id: &CapabilityId,
-    Admission { passed, decision, agent, emergency_until_ms }: Admission<'_>,
+    Admission { passed, decision, agent, emergency_until }: Admission<'_>,
     approvals: &[SignedApproval],
 ) -> Result<(), Fault> {
     agent.check()?;
@@ -320,7 +322,11 @@ pub(super) fn activate(
     }];
     for signed in approvals {
         let nonce = signed.approval().nonce.as_str().to_owned();
-        before.push(Change::ConsumeApproval { nonce, evidence_digest: evidence });
+        before.push(Change::ConsumeApproval {
+            nonce,
+            evidence_digest: evidence,
+            at: Some(record.wall_now()),
+        });
     }
     let needed = u32::try_from(approvals.len()).unwrap_or(u32::MAX);
     let note = Note {
@@ -332,9 +338,9 @@ pub(super) fn activate(
     };
     // Without a live monitor no tick runs under a provisional version: it is made first.
     let watched = Watched::new(id, Some(dossier), context, record.now_tick())?;
-    let event = match emergency_until_ms {
+    let event = match emergency_until {
         None => LifecycleEvent::Activate { version },
-        Some(until_ms) => LifecycleEvent::ActivateUnreviewed { version, until_ms },
+        Some(until) => LifecycleEvent::ActivateUnreviewed { version, until },
     };
     record.transition(&id.family, event, note)?;
     monitors.insert(watched);

@@ -40,7 +40,7 @@ impl Activation<'_> {
             Err(refused) => return Ok(refused),
         };
         let said = emergency.signed.approval().clone();
-        let (id, until_ms) = (said.version.clone(), emergency.until_ms);
+        let (id, until) = (said.version.clone(), emergency.until);
         let judged = gate(self.context, self.record, self.dossiers, &id, Some(&emergency.result))?;
         let (GateOutcome::Pass, Some(passed)) = (judged.decision.outcome(), &judged.passed) else {
             return Ok(Reply::Refused {
@@ -51,7 +51,7 @@ impl Activation<'_> {
         };
         let (version, standing, _) = self.record.ledger().version(&id)?;
         let (running, asked) = (standing.flags.running, standing.flags.awaiting_approval);
-        let body = serde_json::json!({ "by": said.who, "reason": said.reason, "until_ms": until_ms });
+        let body = serde_json::json!({ "by": said.who, "reason": said.reason, "until": until });
         let records = vec![
             AuditBody { kind: RecordKind::BreakGlass, subject: id.to_string(), body: body.to_string() },
             emergency.shown.record(&said)?,
@@ -61,7 +61,7 @@ impl Activation<'_> {
             version: id.clone(),
             by: said.who.clone(),
             reason: said.reason.clone(),
-            until_ms,
+            until,
         });
         if running != Some(Stage::Activation) {
             self.record.start_stage(&id, Stage::Activation, 1)?;
@@ -87,17 +87,14 @@ impl Activation<'_> {
         dossier.take_gate(&judged.decision);
         decided(self.context, self.record, dossier, &id, Stage::Activation, &judged.decision);
         let decision = serde_json::to_string(&judged.decision)?;
-        let (agent, emergency_until_ms) = (self.agent, Some(until_ms));
-        let entry = Admission { passed, decision, agent, emergency_until_ms };
+        let (agent, emergency_until) = (self.agent, Some(until));
+        let entry = Admission { passed, decision, agent, emergency_until };
         activate(self.context, self.record, self.monitors, dossier, &id, entry, &[emergency.signed])?;
         // Like an engine's own fault it has one priority in every profile.
         let text = format!("{id} was let in by {} alone and is not reviewed", said.who);
         self.record.raise(AlarmKey::Unreviewed(id.clone()), Priority::High, false, &text);
         Ok(Reply::Accepted {
-            text: format!(
-                "{id} is active by the emergency door; two people review it by {} s",
-                until_ms / 1000
-            ),
+            text: format!("{id} is active by the emergency door; two people review it by {until}"),
             version: Some(id),
         })
     }
@@ -119,7 +116,7 @@ pub(crate) fn look_at_reviews(live: &mut Live<'_>, approvals: &mut Approvals) ->
         })
         .collect();
     for (id, state, row_version, review) in open {
-        let overdue = review.until_ms <= live.record.now_ms();
+        let overdue = review.until <= live.record.wall_now();
         if overdue && state == State::Active {
             let text = "nobody reviewed its emergency activation in time";
             let trigger = trigger(live.record, TriggerKind::Unreviewed, text);

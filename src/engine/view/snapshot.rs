@@ -4,7 +4,7 @@ use super::evidence::{pairs, shadow};
 use crate::binding::stale_causes;
 use crate::context::Context;
 use crate::dossier::{Dossier, Dossiers};
-use crate::kept_clock::wall_ms;
+use crate::doubted_clock;
 use crate::ledger::FamilyEntry;
 use crate::monitors::Monitors;
 use crate::people::approvals::Approvals;
@@ -14,6 +14,7 @@ use crate::record::Record;
 use crate::world::{self, LiveWorld};
 use holdpoint_governance::alarms::Alarm;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot};
 
 /// What a snapshot is taken of.
@@ -82,7 +83,9 @@ impl SnapshotView<'_> {
         }
         Snapshot {
             at_ms: self.record.now_ms(),
-            wall_ms: if self.record.clock().is_scripted() { None } else { wall_ms() },
+            wall_ms: self.record.ledger().wall().said().map(WallTime::ms),
+            time: self.record.wall_now(),
+            clock_doubt: doubted_clock::view(self.record),
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
             robot: self.context.cell.model.name.clone(),
@@ -126,8 +129,8 @@ impl SnapshotView<'_> {
             flags: version.map(|version| version.flags),
             provisional: self.monitors.window(family).map(|episodes| (episodes, needed)),
             review: entry.state.review.and_then(|review| {
-                let overdue = review.until_ms <= self.record.now_ms();
-                Some(ReviewView { version: name(review.version)?, until_ms: review.until_ms, overdue })
+                let overdue = review.until <= self.record.wall_now();
+                Some(ReviewView { version: name(review.version)?, until: review.until, overdue })
             }),
         }
     }
@@ -173,7 +176,7 @@ pub(crate) fn alarm_view(alarm: &Alarm, now_ms: u64) -> AlarmView {
         shelf: alarm
             .shelf
             .as_ref()
-            .map(|shelf| (shelf.by.clone(), shelf.reason.raw().to_owned(), shelf.until_ms)),
+            .map(|shelf| (shelf.by.clone(), shelf.reason.raw().to_owned(), shelf.until)),
         raises: alarm.raises,
         chattering: alarm.is_chattering(now_ms),
     }

@@ -5,6 +5,7 @@ use super::{
     Priority, SHELF_MS_MAX, Shelving, flood,
 };
 use crate::ids::is_name;
+use crate::wall_time::WallTime;
 use holdpoint_text::Untrusted;
 
 /// The longest key, in bytes.
@@ -12,12 +13,19 @@ const KEY_BYTES_MAX: usize = 200;
 
 /// Answers what an event changes. The book is not touched; take the changes in with [`AlarmBook::absorb`].
 ///
+/// `now_ms` is the engine's time, which alarms are counted in; `wall` is the time that shelves end by.
+///
 /// Clearing an alarm that is not there, or acknowledging one twice, changes nothing and is no error.
 ///
 /// # Errors
 /// [`AlarmError`]: the key names no alarm, `by` is no identity, a reset or shelf is not allowed in the alarm's state or
 /// lacks its reason, or the book is full.
-pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
+pub fn apply(
+    book: &AlarmBook,
+    event: &AlarmEvent,
+    now_ms: u64,
+    wall: WallTime,
+) -> Result<Vec<AlarmChange>, AlarmError> {
     let mut changes = match event {
         AlarmEvent::Raise { key, priority, latching, text } => {
             raise(book, key, (*priority, *latching), text, now_ms)?
@@ -35,10 +43,10 @@ pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Al
             }
         }
         AlarmEvent::Reset { key, by, reason } => reset(find(book, key)?, identity(by)?, reason, now_ms)?,
-        AlarmEvent::Shelve { key, by, until_ms, reason } => shelve(
+        AlarmEvent::Shelve { key, by, until, reason } => shelve(
             find(book, key)?,
-            Shelving { until_ms: *until_ms, by: identity(by)?, reason: reason.clone() },
-            now_ms,
+            Shelving { until: *until, by: identity(by)?, reason: reason.clone() },
+            (now_ms, wall),
         )?,
         AlarmEvent::Unshelve { key, by } => {
             let alarm = find(book, key)?;
@@ -48,7 +56,7 @@ pub fn apply(book: &AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Al
             }
             unshelve(alarm, now_ms)
         }
-        AlarmEvent::Tick => tick(book, now_ms),
+        AlarmEvent::Tick => tick(book, now_ms, wall),
     };
     changes.extend(flood_change(book, &changes, now_ms));
     Ok(changes)
@@ -135,7 +143,11 @@ fn reset(alarm: &Alarm, by: String, reason: &Untrusted, now_ms: u64) -> Result<V
     }))
 }
 
-fn shelve(alarm: &Alarm, shelf: Shelving, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
+fn shelve(
+    alarm: &Alarm,
+    shelf: Shelving,
+    (now_ms, wall): (u64, WallTime),
+) -> Result<Vec<AlarmChange>, AlarmError> {
     let key = || quoted(&alarm.key);
     if alarm.priority == Priority::Critical {
         return Err(AlarmError::ShelveCritical(key()));
@@ -143,8 +155,8 @@ fn shelve(alarm: &Alarm, shelf: Shelving, now_ms: u64) -> Result<Vec<AlarmChange
     if shelf.reason.is_blank() {
         return Err(AlarmError::NoReason(key()));
     }
-    let asked_ms = i128::from(shelf.until_ms) - i128::from(now_ms);
-    if asked_ms <= 0 || asked_ms > i128::from(SHELF_MS_MAX) {
+    let asked_ms = shelf.until.ms() - wall.ms();
+    if asked_ms <= 0 || asked_ms.unsigned_abs() > SHELF_MS_MAX {
         return Err(AlarmError::ShelfTime { asked_ms, max_ms: SHELF_MS_MAX });
     }
     Ok(set(alarm, now_ms, |alarm| alarm.shelf = Some(shelf)))
@@ -158,10 +170,10 @@ fn unshelve(alarm: &Alarm, now_ms: u64) -> Vec<AlarmChange> {
     vec![AlarmChange::Set { alarm, from, annunciated, at_ms: now_ms }]
 }
 
-fn tick(book: &AlarmBook, now_ms: u64) -> Vec<AlarmChange> {
+fn tick(book: &AlarmBook, now_ms: u64, wall: WallTime) -> Vec<AlarmChange> {
     let mut changes = Vec::new();
     for alarm in book.iter() {
-        if alarm.shelf.as_ref().is_some_and(|shelf| shelf.until_ms <= now_ms) {
+        if alarm.shelf.as_ref().is_some_and(|shelf| shelf.until <= wall) {
             changes.extend(unshelve(alarm, now_ms));
         } else if alarm.state() == AlarmState::Normal
             && alarm

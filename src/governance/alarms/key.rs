@@ -48,6 +48,8 @@ crate::words! {
         CameUpStopped = "came-up-stopped",
         /// No administrator authorized the profile as this program has it.
         ProfileUnauthorized = "profile-unauthorized",
+        /// The machine's clock was set, or is behind the newest record: nothing is activated until a person confirms the time.
+        ClockDoubted = "clock-doubted",
         /// The engine met a fault and holds.
         EngineFault = "engine-fault",
     }
@@ -90,6 +92,7 @@ impl AlarmKind {
             | Self::NameTaken
             | Self::CameUpStopped
             | Self::ProfileUnauthorized
+            | Self::ClockDoubted
             | Self::EngineFault => AlarmTopic::Engine,
         }
     }
@@ -139,6 +142,8 @@ pub enum AlarmKey {
     CameUpStopped,
     /// The one profile in force.
     ProfileUnauthorized,
+    /// The machine's clock.
+    ClockDoubted,
     /// The one engine there is.
     EngineFault,
 }
@@ -172,6 +177,7 @@ impl AlarmKey {
             Self::NameTaken => AlarmKind::NameTaken,
             Self::CameUpStopped => AlarmKind::CameUpStopped,
             Self::ProfileUnauthorized => AlarmKind::ProfileUnauthorized,
+            Self::ClockDoubted => AlarmKind::ClockDoubted,
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
@@ -199,6 +205,7 @@ impl fmt::Display for AlarmKey {
             | Self::NameTaken
             | Self::CameUpStopped
             | Self::ProfileUnauthorized
+            | Self::ClockDoubted
             | Self::EngineFault => {
                 write!(f, "{kind}")
             }
@@ -232,12 +239,14 @@ impl FromStr for AlarmKey {
             AlarmKind::NameTaken if about.is_none() => Self::NameTaken,
             AlarmKind::CameUpStopped if about.is_none() => Self::CameUpStopped,
             AlarmKind::ProfileUnauthorized if about.is_none() => Self::ProfileUnauthorized,
+            AlarmKind::ClockDoubted if about.is_none() => Self::ClockDoubted,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
             AlarmKind::CellDegraded if about.is_none() => Self::CellDegraded,
             AlarmKind::EngineFault
             | AlarmKind::NameTaken
             | AlarmKind::CameUpStopped
             | AlarmKind::ProfileUnauthorized
+            | AlarmKind::ClockDoubted
             | AlarmKind::CheckpointFailed
             | AlarmKind::TelemetryMissed
             | AlarmKind::CellDegraded
@@ -281,6 +290,7 @@ mod tests {
             let about = match kind {
                 AlarmKind::SafeStopped | AlarmKind::NotRecovered => ":grasp",
                 AlarmKind::EngineFault
+                | AlarmKind::ClockDoubted
                 | AlarmKind::CellDegraded
                 | AlarmKind::KeptFalse
                 | AlarmKind::CheckpointFailed

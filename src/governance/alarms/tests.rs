@@ -26,17 +26,24 @@ fn named(event: &str) -> AlarmEvent {
         "acknowledge" => AlarmEvent::Acknowledge { key, by },
         "reset" => AlarmEvent::Reset { key, by, reason: "looked at it".into() },
         "reset-silently" => AlarmEvent::Reset { key, by, reason: " ".into() },
-        "shelve" => AlarmEvent::Shelve { key, by, until_ms: 5_000, reason: "known sensor".into() },
-        "shelve-silently" => AlarmEvent::Shelve { key, by, until_ms: 5_000, reason: "".into() },
-        "shelve-forever" => AlarmEvent::Shelve { key, by, until_ms: u64::MAX, reason: "tired".into() },
+        "shelve" => AlarmEvent::Shelve { key, by, until: wall(5_000), reason: "known sensor".into() },
+        "shelve-silently" => AlarmEvent::Shelve { key, by, until: wall(5_000), reason: "".into() },
+        "shelve-forever" => {
+            AlarmEvent::Shelve { key, by, until: WallTime::from_ms(i64::MAX), reason: "tired".into() }
+        }
         "unshelve" => AlarmEvent::Unshelve { key, by },
         "tick" => AlarmEvent::Tick,
         other => panic!("{other}"),
     }
 }
 
+/// The wall clock of a script.
+fn wall(now_ms: u64) -> WallTime {
+    WallTime::SCRIPT_EPOCH.plus_ms(now_ms)
+}
+
 fn step(book: &mut AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {
-    let changes = apply(book, event, now_ms)?;
+    let changes = apply(book, event, now_ms, wall(now_ms))?;
     book.absorb(&changes);
     Ok(changes)
 }
@@ -103,6 +110,23 @@ fn shelves_end_by_themselves_and_call_again() {
     assert_eq!(book.summary().highest_unacknowledged, Some(Priority::High));
 }
 
+/// A shelf of minutes lasted for as long as no engine ran: it ended by the engine's time.
+#[test]
+fn a_shelf_ends_by_wall_time_alone() {
+    let mut book = AlarmBook::new();
+    step(&mut book, &named("raise"), 0).unwrap();
+    step(&mut book, &named("shelve"), 10).unwrap();
+    let tick = |now_ms, wall_ms| apply(&book, &AlarmEvent::Tick, now_ms, wall(wall_ms)).unwrap();
+    assert!(tick(600_000, 4_999).is_empty(), "the engine's time ends no shelf");
+    assert_eq!(tick(11, 5_000).len(), 1);
+    // A shelf of an earlier version ends in milliseconds of its engine: that moment has passed.
+    let mut old = serde_json::to_value(book.get(&grasp()).unwrap()).unwrap();
+    old["shelf"]["until_ms"] = 9_000_000.into();
+    let old: Alarm = serde_json::from_value(old).unwrap();
+    book.alarms.insert(grasp(), old);
+    assert_eq!(apply(&book, &AlarmEvent::Tick, 11, wall(11)).unwrap().len(), 1);
+}
+
 #[test]
 fn three_raises_in_a_minute_chatter() {
     let mut book = AlarmBook::new();
@@ -145,7 +169,7 @@ fn full_books_drop_what_is_normal_and_nothing_else() {
         step(&mut book, &raise_as(key(&format!("a{at}")), Priority::Low, false), at as u64).unwrap();
     }
     let one_more = raise_as(key("one-more"), Priority::Critical, true);
-    assert!(matches!(apply(&book, &one_more, 1_000), Err(AlarmError::Full(_))));
+    assert!(matches!(apply(&book, &one_more, 1_000, wall(1_000)), Err(AlarmError::Full(_))));
     step(&mut book, &AlarmEvent::Clear { key: key("a7") }, 1_000).unwrap();
     step(&mut book, &AlarmEvent::Acknowledge { key: key("a7"), by: "mara".into() }, 1_000).unwrap();
     step(&mut book, &one_more, 1_000).unwrap();
@@ -162,11 +186,11 @@ fn foreign_names_are_refused() {
     let mut book = AlarmBook::new();
     step(&mut book, &named("raise"), 0).unwrap();
     let forged = AlarmEvent::Acknowledge { key: grasp(), by: "mara\u{202e}".into() };
-    let error = apply(&book, &forged, 0).unwrap_err();
+    let error = apply(&book, &forged, 0, wall(0)).unwrap_err();
     assert_eq!(error.to_string(), r#""mara\u{202e}" is not the name of an identity"#);
     let long = format!("grasp@1.0.0-{}", "k".repeat(200)).parse().unwrap();
     let long = raise_as(AlarmKey::Rejected(long), Priority::Low, false);
-    assert!(matches!(apply(&book, &long, 0), Err(AlarmError::Key(_))));
+    assert!(matches!(apply(&book, &long, 0, wall(0)), Err(AlarmError::Key(_))));
 }
 
 const NAMES: [&str; 10] = [
@@ -189,7 +213,7 @@ proptest! {
         for (index, later_ms) in history {
             now_ms += later_ms;
             let before = book.clone();
-            match apply(&book, &named(NAMES[index]), now_ms) {
+            match apply(&book, &named(NAMES[index]), now_ms, wall(now_ms)) {
                 Ok(changes) => {
                     book.absorb(&changes);
                     let stored = serde_json::to_string(&changes).unwrap();

@@ -184,6 +184,8 @@ reason_codes! {
     GateSkipped = "gate-skipped",
     /// Change is frozen at this time by a window of the profile.
     GateFrozen = "gate-frozen",
+    /// The machine's clock is not believed, and no person has confirmed the time.
+    GateClockDoubted = "gate-clock-doubted",
     /// The profile demands an improvement and none is established.
     GateNoImprovement = "gate-no-improvement",
     /// No improvement is established, and the profile waives it.
@@ -342,6 +344,7 @@ impl ReasonCode {
             | Self::GateNoData
             | Self::GateSkipped
             | Self::GateFrozen
+            | Self::GateClockDoubted
             | Self::GateNoImprovement
             | Self::GateImprovementWaived
             | Self::GateImproved

@@ -159,10 +159,10 @@ impl<R: Rules> ApplyStep<R> {
                 Ok(())
             }
             LifecycleEvent::Activate { version } => self.activate(version),
-            LifecycleEvent::ActivateUnreviewed { version, until_ms } => {
+            LifecycleEvent::ActivateUnreviewed { version, until } => {
                 self.activate(version)?;
                 if self.rules.demand(LifecycleRule::EmergencyOpensReview) {
-                    self.family.review = Some(Review { version, until_ms });
+                    self.family.review = Some(Review { version, until });
                 }
                 Ok(())
             }

@@ -20,6 +20,7 @@ use super::rules::{All, LifecycleRule, Rules};
 use super::{
     FamilyState, Flags, Leave, LifecycleChange, LifecycleEvent, Stage, Stamp, State, Version, VersionRef,
 };
+use crate::wall_time::WallTime;
 
 const VERSIONS: usize = 3;
 
@@ -162,7 +163,7 @@ fn events(world: &WalkWorld, part: Part) -> Vec<LifecycleEvent> {
             LifecycleEvent::Approved { version, row_version },
             LifecycleEvent::Approved { version, row_version: row_version - 1 },
             LifecycleEvent::Activate { version },
-            LifecycleEvent::ActivateUnreviewed { version, until_ms: 1 },
+            LifecycleEvent::ActivateUnreviewed { version, until: WallTime::default() },
             LifecycleEvent::Reviewed { version },
             LifecycleEvent::BeginRollback { version },
             LifecycleEvent::FinishRollback { version, leave: Leave::RolledBack },

@@ -166,9 +166,10 @@ pub const FIELDS: &[Field] = &[
     field("approval.timeout_s", 1.0, 1.0e6, Lower),
     field("approval.valid_s", 1.0, 1.0e6, Lower),
     field("approval.break_glass_valid_s", 1.0, 1.0e6, Lower),
+    field("clock.jump_max_s", 0.5, 600.0, Lower),
 ];
 
-/// Every number of a profile's JSON form with its path; freeze windows apart (they are checked by themselves).
+/// Every number of a profile's JSON form with its path.
 #[must_use]
 pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {
     fn walk(path: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) {
@@ -190,7 +191,6 @@ pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {
     if let Ok(value) = serde_json::to_value(profile) {
         walk("", &value, &mut out);
     }
-    out.retain(|(path, _)| !path.starts_with("freeze."));
     out
 }
 
@@ -242,16 +242,10 @@ fn freeze_problem(profile: &Profile) -> Option<(String, String, String)> {
             "up to 64 windows".into(),
         ));
     }
-    let bad = profile.freeze.iter().find(|window| {
-        let ends = [window.from_s, window.until_s];
-        !ends.iter().all(|v| (0.0..=1.0e12).contains(v)) || ends[0] >= ends[1] || window.reason.len() > 200
-    })?;
-    let value = format!("{} to {}", bad.from_s, bad.until_s);
-    Some((
-        "freeze".into(),
-        value,
-        "from_s below until_s, both 0 to 1e12, and a reason of up to 200 bytes".into(),
-    ))
+    let bad =
+        profile.freeze.iter().find(|window| window.from >= window.until || window.reason.len() > 200)?;
+    let value = format!("{} to {}", bad.from, bad.until);
+    Some(("freeze".into(), value, "from before until, and a reason of up to 200 bytes".into()))
 }
 
 /// Weights of the composite (readings 2.1): any other weights must sum to 1.

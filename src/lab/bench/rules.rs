@@ -30,6 +30,7 @@ use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::recovery::{self, StaticInput};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_runtime::agent::ActiveView as _;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
@@ -278,7 +279,8 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         unmet: &[],
         review_open: false,
         profile_authorized: true,
-        now_s: 1.0,
+        now: WallTime::SCRIPT_EPOCH,
+        clock_doubt: None,
         row_version: 4,
         made_under: subjects.made_under()?,
         omitted: Omitted::default(),

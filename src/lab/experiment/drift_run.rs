@@ -22,6 +22,7 @@ use holdpoint_engine::pipeline::PipelineSettings;
 use holdpoint_engine::pipeline::Progress;
 use holdpoint_engine::pipeline::rehearsal::Rehearsal;
 use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::wall_clock::WallClock;
 use holdpoint_engine::world::switch::Controls;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -90,7 +91,7 @@ impl DriftSetting {
     fn pipeline(&self, seed: u64, folder: &Path) -> Result<Pipeline, ExperimentError> {
         let store = Store::open(folder).map_err(StartError::from)?;
         let clock = Clock::scripted(store.opening().head.at_ms);
-        let ledger = Ledger::open(store, false).map_err(StartError::from)?;
+        let ledger = Ledger::open(store, WallClock::scripted(0, None)).map_err(StartError::from)?;
         let table = PolicyTable::builtin(&self.profile).map_err(|error| StartError::Profile(error.into()))?;
         let settings = PipelineSettings {
             seed,

@@ -3,9 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::calendar;
 use crate::words::clock_time;
 use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::calendar;
 
 /// A moment in an alarm's course, and who brought it about.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

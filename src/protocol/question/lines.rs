@@ -6,7 +6,6 @@
 use super::{AskedPerson, QuestionFacts};
 use crate::event::DimensionResult;
 use crate::purpose::Purpose;
-use crate::words::clock_time;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::profile::titled;
 use holdpoint_governance::risk::RiskClass;
@@ -134,8 +133,8 @@ fn evidence(facts: &QuestionFacts, lines: &mut Vec<String>) {
 }
 
 fn unanswered(facts: &QuestionFacts) -> String {
-    let Some(deadline_ms) = facts.deadline_ms else { return "Nobody answers: it stays held".to_owned() };
-    let by = clock_time(deadline_ms);
+    let Some(until) = facts.until else { return "Nobody answers: it stays held".to_owned() };
+    let by = until.spoken();
     match facts.purpose {
         Purpose::Activation => format!("Nobody answers by {by}: it is held, never approved"),
         Purpose::Release => format!("Nobody answers by {by}: it stays restricted"),

@@ -1,7 +1,6 @@
 //! What changes by the second beside an open question: told with its time, and signed by nobody.
 
 use crate::snapshot::{PromptView, Purpose, Snapshot};
-use crate::words::clock_time;
 use holdpoint_text::Untrusted;
 
 /// What stands over these lines; the time follows.
@@ -14,7 +13,7 @@ const WIDTH_MAX: usize = 200;
 /// what alarms are open. A snapshot says no more than whoever sent it: none of it is a reason to approve.
 #[must_use]
 pub fn live_lines(question: &PromptView, now: &Snapshot) -> Vec<String> {
-    let mut lines = vec![format!("{LIVE_HEADING} {}", clock_time(now.at_ms))];
+    let mut lines = vec![format!("{LIVE_HEADING} {}", now.time.spoken())];
     let PromptView { approved_by, needed, .. } = question;
     let by = if approved_by.is_empty() { "nobody yet".to_owned() } else { approved_by.join(", ") };
     let is_emergency = question.purpose == Purpose::Emergency;
@@ -29,8 +28,7 @@ pub fn live_lines(question: &PromptView, now: &Snapshot) -> Vec<String> {
         lines.push(format!("Approvals: {} of {needed} ({by})", approved_by.len()));
     }
     if !(question.granted || is_emergency) {
-        let left_s = question.deadline_ms.saturating_sub(now.at_ms) / 1000;
-        lines.push(format!("Time left: {} min {} s", left_s / 60, left_s % 60));
+        lines.push(format!("Deadline: {}", question.until.as_deadline(now.time)));
     }
     if let (Some(success), recent) = (now.live.recent_success, now.live.recent) {
         lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));

@@ -46,7 +46,7 @@ fn given(open: &PromptView, who: &str) -> QuestionView {
         request: Nonce::from_bytes([7; 16]),
         store_id: "s".to_owned(),
         store_key: "0".repeat(64),
-        valid_until_ms: open.valid_until_ms,
+        valid_until: open.valid_until,
     }
 }
 

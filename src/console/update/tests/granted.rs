@@ -7,7 +7,7 @@ fn granted(stopped: bool) -> Snapshot {
     let mut now = snapshot(1, 'e');
     now.prompts[0].granted = true;
     now.prompts[0].approved_by = vec!["ana".to_owned(), "ben".to_owned()];
-    now.prompts[0].deadline_ms = 1;
+    now.prompts[0].until = holdpoint_governance::wall_time::WallTime::default();
     now.stopped = stopped.then(|| StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
     now
 }

@@ -10,10 +10,11 @@ use holdpoint_governance::gate;
 use holdpoint_governance::metrics::observed::NotReplayable;
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::submission::Risk;
+use holdpoint_governance::wall_time::WallTime;
 
 use crate::ledger::Member;
 
-use super::{Failed, Replayer, RulesInForce, VersionOnRecord, secs};
+use super::{Failed, Replayer, RulesInForce, VersionOnRecord, wall_of};
 
 impl Replayer<'_> {
     /// What people had answered when the gate was asked; absent if nobody had to be, or nobody was asked yet.
@@ -61,7 +62,7 @@ impl Replayer<'_> {
         let Some(subject) = votes.last().map(|vote| vote.subject) else { return Ok(None) };
         let Member { capability, origin, .. } = self.member(&of.id)?;
         let author_key = origin.author_key.clone().unwrap_or_default();
-        let now_s = secs(record.at_ms);
+        let now = wall_of(record);
         let request = Request {
             subject,
             risk,
@@ -74,12 +75,21 @@ impl Replayer<'_> {
                 key: author_key,
             },
             asked_by: None,
-            asked_s: now_s,
+            until: now.plus_secs(frame.profile.approval.timeout_s),
         };
         // An answer to an earlier question was never put to this one.
         let votes: Vec<Vote> = votes.into_iter().filter(|vote| vote.subject == subject).collect();
-        Ok(Some(approval::evaluate(&request, &votes, now_s, &frame.profile.approval)))
+        Ok(Some(approval::evaluate(&request, &votes, now, &frame.profile.approval)))
     }
+}
+
+/// From when on an answer did not count any more. Earlier versions counted in the engine's time.
+fn until(said: &Approval, record: &AuditRecord) -> WallTime {
+    let until = said.not_after();
+    if until >= WallTime::SCRIPT_EPOCH {
+        return until;
+    }
+    wall_of(record).plus_ms(said.not_after_ms.saturating_sub(record.at_ms))
 }
 
 /// The answers that were on record over the evidence of a decision, in order.
@@ -105,7 +115,7 @@ fn votes(
             policy: said.policy_digest,
             profile: under.profile,
         },
-        expires_s: secs(said.not_after_ms),
+        until: until(said, record),
         break_glass: said.break_glass,
         // Checked when it came in, and again by whoever verifies the chain.
         signature: SignatureCheck::Valid,

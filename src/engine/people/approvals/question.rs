@@ -6,6 +6,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::approval::{self, Answer, ApprovalOutcome, ApprovalResult, Request, Subject, Vote};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::submission::Risk;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::Purpose;
 
 use crate::context::Context;
@@ -28,8 +29,7 @@ pub struct PendingQuestion {
     pub(in crate::people) evidence: Digest,
     pub(in crate::people) row_version: u64,
     pub(in crate::people) life_row_version: u64,
-    pub(in crate::people) asked_ms: u64,
-    pub(in crate::people) deadline_ms: u64,
+    pub(in crate::people) asked: WallTime,
     pub(in crate::people) replaces: Option<CapabilityId>,
     /// It takes people to override what a rule would not pass.
     pub(in crate::people) review: bool,
@@ -47,10 +47,10 @@ pub(in crate::people) struct NewQuestion {
     /// Risk class of the version, as it was assessed.
     pub(in crate::people) risk: Risk,
     pub(in crate::people) review: bool,
-    /// When it was asked, and when it ends: virtual ms.
-    pub(in crate::people) time_ms: [u64; 2],
-    /// When it was asked, as the rules count the profile's time from, virtual s.
-    pub(in crate::people) counted_from_s: f64,
+    /// When it was asked.
+    pub(in crate::people) asked: WallTime,
+    /// From when on nobody's answer comes in time.
+    pub(in crate::people) until: WallTime,
 }
 
 impl PendingQuestion {
@@ -66,8 +66,18 @@ impl PendingQuestion {
     ) -> Result<Self, Fault> {
         let candidate = record.capability(id)?;
         let (_, standing, member) = record.ledger().version(id)?;
-        let NewQuestion { id: question, purpose, about, asked_by, evidence, quorum, review, .. } = asked;
-        let [asked_ms, deadline_ms] = asked.time_ms;
+        let NewQuestion {
+            id: question,
+            purpose,
+            about,
+            asked_by,
+            evidence,
+            quorum,
+            risk,
+            review,
+            asked,
+            until,
+        } = asked;
         let row_version = member.row_version;
         let subject = Subject {
             candidate: candidate.digest(),
@@ -78,12 +88,12 @@ impl PendingQuestion {
         };
         let request = Request {
             subject,
-            risk: asked.risk,
+            risk,
             quorum,
             requester: member.origin.requester.clone(),
             author: origin::author(&record.ledger().store().persons()?, member),
             asked_by,
-            asked_s: asked.counted_from_s,
+            until,
         };
         let active = record.active_of(&id.family).map(|active| active.id());
         let replaces = match purpose {
@@ -101,8 +111,7 @@ impl PendingQuestion {
             evidence,
             row_version,
             life_row_version: standing.row_version,
-            asked_ms,
-            deadline_ms,
+            asked,
             replaces,
             review,
         })
@@ -128,9 +137,9 @@ impl PendingQuestion {
 
     /// Whether this is what somebody answered last, and it has not run out: once more it would say nothing new.
     #[must_use]
-    pub fn has_answered(&self, who: &str, answer: Answer, now_s: f64) -> bool {
+    pub fn has_answered(&self, who: &str, answer: Answer, now: WallTime) -> bool {
         let last = self.votes.iter().rev().find(|vote| vote.person == who);
-        last.is_some_and(|last| last.answer == answer && now_s < last.expires_s)
+        last.is_some_and(|last| last.answer == answer && now < last.until)
     }
 
     #[must_use]
@@ -141,13 +150,13 @@ impl PendingQuestion {
     /// The signed approvals that counted: of each of these people the first that has not run out. Whatever else was
     /// answered is put aside, for the store takes none of it for an approval.
     #[must_use]
-    pub fn into_counted(self, result: &ApprovalResult, now_ms: u64) -> Vec<SignedApproval> {
+    pub fn into_counted(self, result: &ApprovalResult, now: WallTime) -> Vec<SignedApproval> {
         let ApprovalOutcome::Granted { people, .. } = &result.outcome else { return Vec::new() };
         let mut left: BTreeSet<&str> = people.iter().map(String::as_str).collect();
         let mut signed = self.signed;
         signed.retain(|signed| {
             let said = signed.approval();
-            let counts = said.decision == Answer::Approve && now_ms < said.not_after_ms;
+            let counts = said.decision == Answer::Approve && now < said.not_after();
             counts && left.remove(said.who.as_str())
         });
         signed
@@ -155,8 +164,8 @@ impl PendingQuestion {
 
     /// What asking came to so far.
     #[must_use]
-    pub fn result(&self, context: &Context, now_s: f64) -> ApprovalResult {
-        approval::evaluate(&self.request, &self.votes, now_s, &context.profile.approval)
+    pub fn result(&self, context: &Context, now: WallTime) -> ApprovalResult {
+        approval::evaluate(&self.request, &self.votes, now, &context.profile.approval)
     }
 }
 
@@ -219,21 +228,24 @@ mod tests {
                     key: String::new(),
                 },
                 asked_by: None,
-                asked_s: 0.0,
+                until: WallTime::from_ms(10_000),
             },
             votes: Vec::new(),
             signed: answers.clone(),
             evidence: digest,
             row_version: 1,
             life_row_version: 1,
-            asked_ms: 0,
-            deadline_ms: 10_000,
+            asked: WallTime::default(),
             replaces: None,
             review: false,
         };
         let people = ["ana", "ben"].map(ToOwned::to_owned).into_iter().collect();
-        let outcome = ApprovalOutcome::Granted { people, expires_s: 9.0, break_glass: false };
+        let outcome =
+            ApprovalOutcome::Granted { people, until: WallTime::from_ms(9_000), break_glass: false };
         let result = ApprovalResult { outcome, reasons: Vec::new() };
-        assert_eq!(question.into_counted(&result, 5_000), [answers[2].clone(), answers[3].clone()]);
+        assert_eq!(
+            question.into_counted(&result, WallTime::from_ms(5_000)),
+            [answers[2].clone(), answers[3].clone()]
+        );
     }
 }

@@ -4,8 +4,9 @@ use holdpoint_approvals::PersonState;
 use holdpoint_governance::approval::{Answer, ApprovalOutcome, SignatureCheck, Vote};
 use holdpoint_governance::gate::{GateOutcome, GateResult};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::wall_time::WallTime;
 
-use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms, secs_to_ms};
+use super::{Approvals, NewQuestion, PendingQuestion, Purpose, activation_terms};
 use crate::context::Context;
 use crate::dossier::Dossiers;
 use crate::fault::Fault;
@@ -38,7 +39,10 @@ impl Approvals {
         let Some((quorum, review)) = activation_terms(context, dossier, provenance) else { return Ok(None) };
         let risk = origin::assessed_risk(dossier);
         let evidence = dossier.digest()?;
-        let unchanged = asked.policy_digest == context.digest
+        let asked_ms = views.asked_ms(&asked.id)?.unwrap_or(u64::MAX);
+        // In the engine's time, as earlier versions had it, no person's deadline is said: people are asked anew.
+        let unchanged = asked.until >= WallTime::SCRIPT_EPOCH
+            && asked.policy_digest == context.digest
             && asked.profile == context.profile.name
             && asked.evidence_digest == evidence
             && asked.row_version == member.row_version
@@ -52,9 +56,6 @@ impl Approvals {
             return Ok(None);
         }
         dossiers.edit(id).take_gate(&decision);
-        let asked_ms = asked.deadline_ms.saturating_sub(secs_to_ms(context.profile.approval.timeout_s));
-        #[allow(clippy::cast_precision_loss, reason = "virtual milliseconds of one store's life")]
-        let secs = |ms: u64| ms as f64 / 1000.0;
         let mut prompt = PendingQuestion::new(
             context,
             record,
@@ -68,8 +69,8 @@ impl Approvals {
                 quorum,
                 risk,
                 review,
-                time_ms: [asked_ms, asked.deadline_ms],
-                counted_from_s: secs(asked_ms),
+                asked: asked.until.minus_secs(context.profile.approval.timeout_s),
+                until: asked.until,
             },
         )?;
         let subject = prompt.request.subject;
@@ -102,7 +103,7 @@ impl Approvals {
                 answer: said.decision,
                 reason: said.reason.clone(),
                 subject,
-                expires_s: secs(said.not_after_ms),
+                until: said.not_after(),
                 break_glass: false,
                 signature: SignatureCheck::Valid,
                 nonce_used: false,
@@ -111,7 +112,7 @@ impl Approvals {
         }
         drop(views);
         let answers = prompt.votes.len();
-        match prompt.result(context, record.now_s()).outcome {
+        match prompt.result(context, record.wall_now()).outcome {
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => self.grant_later(id),
             ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut | ApprovalOutcome::Refused { .. } => {
             }

@@ -335,9 +335,10 @@ fn an_answer_that_has_run_out_can_be_given_again() {
     let ann = protected(&mut bench, "ann");
     let asked = bench.pipeline.snapshot().prompts.remove(0);
     let shown = question(&mut bench.pipeline, &asked, "ann").unwrap();
-    let soon = QuestionView { valid_until_ms: asked.asked_ms + 2_000, ..shown };
+    let soon = QuestionView { valid_until: asked.asked.plus_ms(2_000), ..shown };
     done(&bench.pipeline.command(soon.answer(&ann, Answer::Approve, "read").unwrap()));
-    bench.pipeline.jump_to(asked.asked_ms + 3_000);
+    let later_ms = bench.pipeline.record().engine_ms_at(asked.asked.plus_ms(3_000));
+    bench.pipeline.jump_to(later_ms);
     done(&approve(&mut bench, &ann));
     refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
 }

@@ -243,7 +243,10 @@ fn a_sequence_holds_versions_to_their_closed_profiles() {
         bench.pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
         bench.enter(&id, |version| {
             if unreviewed {
-                LifecycleEvent::ActivateUnreviewed { version, until_ms: 1_000_000 }
+                LifecycleEvent::ActivateUnreviewed {
+                    version,
+                    until: holdpoint_governance::wall_time::WallTime::SCRIPT_EPOCH.plus_ms(1_000_000),
+                }
             } else {
                 LifecycleEvent::Activate { version }
             }
@@ -251,7 +254,11 @@ fn a_sequence_holds_versions_to_their_closed_profiles() {
         assert_eq!(works(&mut bench, &id), unreviewed);
         if unreviewed {
             let people = ["carl", "dora"].map(ToOwned::to_owned).into();
-            let outcome = ApprovalOutcome::Granted { people, expires_s: 1.0e9, break_glass: false };
+            let outcome = ApprovalOutcome::Granted {
+                people,
+                until: holdpoint_governance::wall_time::WallTime::SCRIPT_EPOCH.plus_ms(1_000_000),
+                break_glass: false,
+            };
             let upheld = ApprovalResult { outcome, reasons: Vec::new() };
             let mut live = bench.pipeline.live();
             emergency::settle_review(&mut live, &mut Approvals::default(), &id, &upheld).unwrap();

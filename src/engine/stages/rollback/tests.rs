@@ -17,6 +17,7 @@ use crate::monitors::Watched;
 use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::wall_clock::WallClock;
 use crate::world::live::LiveFault;
 use crate::world::switch::Controls;
 use holdpoint_body::Body;
@@ -107,7 +108,7 @@ impl Bench {
         };
         let store = Store::open(folder.path()).unwrap();
         let clock = Clock::scripted(store.opening().head.at_ms);
-        let ledger = Ledger::open(store, false).unwrap();
+        let ledger = Ledger::open(store, WallClock::scripted(0, None)).unwrap();
         let baselines = crate::embedded::baselines().unwrap();
         let pipeline = Pipeline::new(settings, ledger, clock, baselines).unwrap();
         Self { folder, pipeline }

@@ -23,6 +23,7 @@ use crate::pipeline::{Pipeline, PipelineSettings, Progress};
 use crate::stages::activation::tests::package;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::wall_clock::WallClock;
 use crate::world::switch::Controls;
 
 const PAIRS: u32 = 60;
@@ -51,7 +52,8 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
         omitted: holdpoint_governance::omitted::Omitted::default(),
     };
     let baselines = crate::embedded::baselines().unwrap();
-    Pipeline::new(settings, Ledger::open(store, false).unwrap(), clock, baselines).unwrap()
+    Pipeline::new(settings, Ledger::open(store, WallClock::scripted(0, None)).unwrap(), clock, baselines)
+        .unwrap()
 }
 
 /// What the sandbox of a candidate came to, and what was told until then.

@@ -192,7 +192,7 @@ fn a_closed_profile_voids_what_people_were_asked() {
 fn a_question_beside_the_version_that_takes_over_is_asked_anew() {
     let mut bench = Bench::new();
     let id = asked(&mut bench.pipeline, package(CANDIDATE, &[]));
-    let deadline_ms = bench.pipeline.snapshot().prompts[0].deadline_ms;
+    let deadline_ms = bench.pipeline.record().engine_ms_at(bench.pipeline.snapshot().prompts[0].until);
     bench.activate("align-low-transit");
     assert!(bench.pipeline.look_at_deadlines().unwrap());
     assert!(nobody_is_asked(&bench));

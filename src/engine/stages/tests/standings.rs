@@ -163,7 +163,10 @@ const SETTINGS: [Setting; 29] = [
     }),
     ("active by the emergency door, unreviewed", |bench| {
         let id = bench.pass(CANDIDATE, &Stage::ALL);
-        bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until_ms: 1_000_000 });
+        bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed {
+            version,
+            until: holdpoint_governance::wall_time::WallTime::SCRIPT_EPOCH.plus_ms(1_000_000),
+        });
         id
     }),
     ("active, confirmed", |bench| {
@@ -412,7 +415,7 @@ fn people_release_a_version_where_activations_are_bound_to_them() {
     assert!(restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty());
 
     done(&mut bench, ask());
-    let deadline_ms = bench.pipeline.snapshot().prompts[0].deadline_ms;
+    let deadline_ms = bench.pipeline.record().engine_ms_at(bench.pipeline.snapshot().prompts[0].until);
     bench.pipeline.jump_to(deadline_ms);
     while bench.pipeline.look_at_deadlines().unwrap() {}
     assert!(restricted(&bench) && bench.pipeline.snapshot().prompts.is_empty(), "silence lifts nothing");
@@ -539,12 +542,13 @@ fn a_version_that_nobody_watches_is_restricted_all_the_same() {
 fn a_review_that_is_late_takes_the_version_off_and_stays_open() {
     let mut bench = Bench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL);
-    let until_ms = bench.pipeline.record().now_ms() + 5_000;
-    bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until_ms });
+    let until = bench.pipeline.record().wall_now().plus_ms(5_000);
+    bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until });
     assert!(bench.pipeline.look_at_deadlines().unwrap(), "people are asked");
     let asked = bench.pipeline.snapshot();
     assert_eq!((asked.prompts.len(), asked.prompts[0].needed), (1, 2));
     assert_eq!(asked.families[0].review.as_ref().map(|review| review.overdue), Some(false));
+    let until_ms = bench.pipeline.record().engine_ms_at(until);
     bench.pipeline.jump_to(until_ms);
     while bench.pipeline.look_at_deadlines().unwrap() {}
     let stands = |bench: &Bench| {
@@ -558,7 +562,7 @@ fn a_review_that_is_late_takes_the_version_off_and_stays_open() {
     while bench.pipeline.look_at_deadlines().unwrap() {}
     assert_eq!(stands(&bench), (State::Demoted, true, 1));
     let views = bench.pipeline.record().ledger().store().views().unwrap();
-    assert_eq!(views.open_reviews().unwrap(), [(id.clone(), until_ms)]);
+    assert_eq!(views.open_reviews().unwrap(), [(id.clone(), until)]);
     drop(views);
     let other = bench.pass("align-low-transit", &Stage::ALL);
     let version = number(&bench, &other);

@@ -8,7 +8,7 @@ use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Risk;
 
-use crate::fixture::{digest, profile};
+use crate::fixture::{at, digest, profile};
 
 fn subject() -> Subject {
     Subject {
@@ -28,7 +28,7 @@ fn vote(person: &str) -> Vote {
         answer: Answer::Approve,
         reason: "looked at it".into(),
         subject: subject(),
-        expires_s: 500.0,
+        until: at(500),
         break_glass: false,
         signature: SignatureCheck::Valid,
         nonce_used: false,
@@ -43,22 +43,21 @@ fn request(risk: Risk) -> Request {
         requester: Requester::Person { name: "rita".into(), key: "key of rita".into() },
         author: Author { name: "arno".into(), authorship: Authorship::Signed, key: "key of arno".into() },
         asked_by: Some("otto".into()),
-        asked_s: 0.0,
+        until: at(600),
     }
 }
 
 #[test]
 fn what_does_not_count() {
     type Change = fn(&mut Vote);
-    let table: [(&str, Change, ReasonCode); 15] = [
+    let table: [(&str, Change, ReasonCode); 14] = [
         ("forged", |v| v.signature = SignatureCheck::Invalid, ApprovalSignature),
         ("used", |v| v.nonce_used = true, ApprovalReplayed),
         ("other row", |v| v.subject.row_version = 2, ApprovalStale),
         ("other evidence", |v| v.subject.evidence = digest("x"), ApprovalStale),
         ("other policy", |v| v.subject.policy = digest("x"), ApprovalStale),
         ("other profile", |v| v.subject.profile = digest("x"), ApprovalStale),
-        ("expired", |v| v.expires_s = 100.0, ApprovalExpired),
-        ("expiry is no number", |v| v.expires_s = f64::NAN, ApprovalExpired),
+        ("expired", |v| v.until = at(100), ApprovalExpired),
         ("requester", |v| v.person = "rita".into(), ApprovalSelf),
         ("author", |v| v.person = "arno".into(), ApprovalSelf),
         ("requester under another name", |v| v.key = "key of rita".into(), ApprovalSelf),
@@ -71,7 +70,7 @@ fn what_does_not_count() {
     for (name, change, code) in table {
         let mut second = vote("bob");
         change(&mut second);
-        let result = evaluate(&request(Risk::Medium), &[vote("ann"), second], 100.0, &settings);
+        let result = evaluate(&request(Risk::Medium), &[vote("ann"), second], at(100), &settings);
         assert_eq!(result.outcome, ApprovalOutcome::Pending { missing: 1 }, "{name}");
         assert!(result.reasons.iter().any(|reason| reason.code == code), "{name}: {:?}", result.reasons);
     }
@@ -86,32 +85,31 @@ fn quorums_refusals_and_time() {
     let glass = |person: &str| Vote { break_glass: true, ..vote(person) };
     let silent_glass = |person: &str| Vote { reason: " ".into(), ..glass(person) };
     for (name, risk, votes, now_s, settings, code) in [
-        ("both", Risk::Medium, vec![vote("ann"), vote("bob")], 1.0, &human, ApprovalGranted),
-        ("high needs safety", Risk::High, vec![vote("ann"), vote("bob")], 1.0, &human, ApprovalPending),
-        ("high with safety", Risk::High, vec![vote("ann"), safety("bob")], 1.0, &human, ApprovalGranted),
+        ("both", Risk::Medium, vec![vote("ann"), vote("bob")], 1, &human, ApprovalGranted),
+        ("high needs safety", Risk::High, vec![vote("ann"), vote("bob")], 1, &human, ApprovalPending),
+        ("high with safety", Risk::High, vec![vote("ann"), safety("bob")], 1, &human, ApprovalGranted),
         (
             "refusal outranks",
             Risk::Medium,
             vec![vote("ann"), vote("bob"), no("eve")],
-            1.0,
+            1,
             &human,
             ApprovalRefused,
         ),
-        ("the author may refuse", Risk::Medium, vec![no("arno")], 1.0, &human, ApprovalRefused),
-        ("nobody", Risk::Medium, vec![], 599.0, &human, ApprovalPending),
-        ("too late", Risk::Medium, vec![], 600.0, &human, ApprovalTimeout),
-        ("no time", Risk::Medium, vec![], f64::NAN, &human, ApprovalTimeout),
-        ("emergency", Risk::Medium, vec![glass("ann")], 1.0, &sim, ApprovalBreakGlass),
-        ("emergency without a reason", Risk::Medium, vec![silent_glass("ann")], 1.0, &sim, ApprovalPending),
-        ("no emergencies here", Risk::Medium, vec![glass("ann")], 1.0, &human, ApprovalPending),
+        ("the author may refuse", Risk::Medium, vec![no("arno")], 1, &human, ApprovalRefused),
+        ("nobody", Risk::Medium, vec![], 599, &human, ApprovalPending),
+        ("too late", Risk::Medium, vec![], 600, &human, ApprovalTimeout),
+        ("emergency", Risk::Medium, vec![glass("ann")], 1, &sim, ApprovalBreakGlass),
+        ("emergency without a reason", Risk::Medium, vec![silent_glass("ann")], 1, &sim, ApprovalPending),
+        ("no emergencies here", Risk::Medium, vec![glass("ann")], 1, &human, ApprovalPending),
     ] {
-        let result = evaluate(&request(risk), &votes, now_s, settings);
+        let result = evaluate(&request(risk), &votes, at(now_s), settings);
         assert_eq!(result.reasons[0].code, code, "{name}: {result:?}");
         let granted = matches!(result.outcome, ApprovalOutcome::Granted { .. });
         assert_eq!(granted, matches!(code, ApprovalGranted | ApprovalBreakGlass), "{name}");
     }
     let nobody = Request { quorum: 0, ..request(Risk::High) };
-    assert_eq!(evaluate(&nobody, &[], 1.0, &sim).outcome, ApprovalOutcome::NotNeeded);
+    assert_eq!(evaluate(&nobody, &[], at(1), &sim).outcome, ApprovalOutcome::NotNeeded);
 }
 
 #[test]
@@ -137,7 +135,7 @@ fn quorum_by_tier_and_review() {
 fn two_names_with_one_key_are_one_person() {
     let alias = Vote { person: "anna".into(), ..vote("ann") };
     let asked =
-        |votes: &[Vote]| evaluate(&request(Risk::Low), votes, 10.0, &profile(ProfileName::Human).approval);
+        |votes: &[Vote]| evaluate(&request(Risk::Low), votes, at(10), &profile(ProfileName::Human).approval);
     let result = asked(&[vote("ann"), alias.clone()]);
     assert_eq!(result.outcome, ApprovalOutcome::Pending { missing: 1 });
     assert!(result.reasons.iter().any(|reason| reason.code == ApprovalDuplicate), "{:?}", result.reasons);

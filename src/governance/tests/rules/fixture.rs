@@ -16,6 +16,7 @@ use holdpoint_governance::outcome::{
     Assessment, Basis, BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::wall_time::WallTime;
 
 pub const MANIFEST: &str = r#"
 name = "grasp"
@@ -104,6 +105,11 @@ pub fn exports(manifest: &Manifest) -> Interface {
         sensors: manifest.permissions.sensors.clone(),
         tools: manifest.permissions.tools.clone(),
     }
+}
+
+/// A moment of the wall clock, s after a script's beginning.
+pub fn at(secs: u32) -> WallTime {
+    WallTime::SCRIPT_EPOCH.plus_ms(u64::from(secs) * 1_000)
 }
 
 pub fn digest(name: &str) -> Digest {

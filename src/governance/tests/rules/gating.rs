@@ -17,8 +17,9 @@ use holdpoint_governance::outcome::{
 use holdpoint_governance::policy::{PolicySource, PolicyTable};
 use holdpoint_governance::profile::{FreezeWindow, Profile, ProfileName};
 use holdpoint_governance::submission::{Provenance, Risk};
+use holdpoint_governance::wall_time::{ClockDoubt, WallTime};
 
-use crate::fixture::{binding, digest, kappas, made_under, profile, shadow};
+use crate::fixture::{at, binding, digest, kappas, made_under, profile, shadow};
 
 fn recovery_fails(kappas: &mut Kappas, code: ReasonCode) {
     kappas.recovery.outcome = RecoveryOutcome::Incompatible;
@@ -119,7 +120,8 @@ struct Case {
     requester: Requester,
     profile_authorized: bool,
     improved: bool,
-    now_s: f64,
+    now: WallTime,
+    clock_doubt: Option<ClockDoubt>,
     policy: Digest,
     omitted: Omitted,
 }
@@ -142,7 +144,8 @@ impl Case {
             requester: Requester::Script,
             profile_authorized: true,
             improved: false,
-            now_s: 100.0,
+            now: at(100),
+            clock_doubt: None,
             policy: table.digest,
             profile,
             table,
@@ -166,7 +169,8 @@ impl Case {
             unmet: &self.unmet,
             review_open: self.review_open,
             profile_authorized: self.profile_authorized,
-            now_s: self.now_s,
+            now: self.now,
+            clock_doubt: self.clock_doubt,
             row_version: 7,
             made_under: holdpoint_governance::decision::MadeUnder { policy: self.policy, ..made_under() },
             omitted: self.omitted,
@@ -210,7 +214,7 @@ fn granted(people: &[&str]) -> ApprovalResult {
     ApprovalResult {
         outcome: ApprovalOutcome::Granted {
             people: people.iter().map(ToString::to_string).collect(),
-            expires_s: 200.0,
+            until: at(200),
             break_glass: false,
         },
         reasons: Vec::new(),
@@ -304,12 +308,18 @@ fn what_closes_the_gate() {
             ProfileName::Sim,
             |c| {
                 c.profile.freeze =
-                    vec![FreezeWindow { from_s: 50.0, until_s: 150.0, reason: "audit".into() }];
+                    vec![FreezeWindow { from: at(50), until: at(101), reason: "audit".into() }];
             },
             Hold,
             GateFrozen,
         ),
-        ("no time", ProfileName::Sim, |c| c.now_s = f64::NAN, Hold, GateFrozen),
+        (
+            "a clock that was set",
+            ProfileName::Sim,
+            |c| c.clock_doubt = Some(ClockDoubt::Jumped { by_ms: 9_000 }),
+            Hold,
+            GateClockDoubted,
+        ),
         ("unmet", ProfileName::Sim, |c| c.unmet = vec!["align@^2".into()], Hold, GateDependencyUnmet),
         (
             "nobody on record as having registered it, people nearby",
@@ -389,14 +399,10 @@ fn a_pass_holds_for_its_circumstances_only() {
     let passed = case.evaluate().passed.unwrap();
     let under = *passed.made_under();
     let other = holdpoint_governance::decision::MadeUnder { evidence: digest("other"), ..under };
-    for (row_version, made_under, now_s, holds) in [
-        (7, under, 100.0, true),
-        (8, under, 100.0, false),
-        (7, other, 100.0, false),
-        (7, under, 200.0, false),
-        (7, under, f64::NAN, false),
-    ] {
-        assert_eq!(passed.holds(row_version, &made_under, now_s), holds, "{row_version} {now_s}");
+    for (row_version, made_under, now_s, holds) in
+        [(7, under, 199, true), (8, under, 100, false), (7, other, 100, false), (7, under, 200, false)]
+    {
+        assert_eq!(passed.holds(row_version, &made_under, at(now_s)), holds, "{row_version} {now_s}");
     }
 }
 

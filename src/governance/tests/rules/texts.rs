@@ -144,6 +144,14 @@ fn bad_profiles_are_refused_by_name() {
         assert!(text.contains(from), "{from:?}");
         text.replacen(from, to, 1)
     };
+    let freeze = |from: &str, until: &str| {
+        format!("{text}\n[[freeze]]\nfrom = \"{from}\"\nuntil = \"{until}\"\nreason = \"holidays\"\n")
+    };
+    let frozen =
+        Profile::parse("sim.toml", &freeze("2026-12-24T06:00:00+01:00", "2026-12-27T06:00:00Z")).unwrap();
+    let moment = |text: &str| frozen.frozen_at(text.parse().unwrap()).is_some();
+    assert!(!moment("2026-12-24T04:59:59.999Z") && moment("2026-12-24T05:00:00Z"));
+    assert!(moment("2026-12-27T05:59:59.999Z") && !moment("2026-12-27T06:00:00Z"));
     for (text, expected) in [
         (replace("rho_floor = 0.7", "rho_floor = nan #"), "\"recovery.rho_floor\" has the value \"NaN\""),
         (
@@ -157,7 +165,13 @@ fn bad_profiles_are_refused_by_name() {
             replace("shadow_sequences_max = 60", "shadow_sequences_max = 6"),
             "\"evaluation.shadow_sequences_max\"",
         ),
-        (text.to_owned() + "\n[[freeze]]\nfrom_s = 9\nuntil_s = 1\nreason = \"\"", "\"freeze\""),
+        (
+            text.to_owned() + "\n[[freeze]]\nfrom_s = 1\nuntil_s = 9\nreason = \"\"",
+            "\"freeze.from_s\" has the value \"seconds of the engine\", which is not allowed; allowed: from and until as \
+             times with their zone",
+        ),
+        (freeze("2026-12-24T06:00:00", "2026-12-27T06:00:00Z"), "is no time with its zone; write it as"),
+        (freeze("2026-12-27T06:00:00Z", "2026-12-27T07:00:00+01:00"), "from before until"),
         (text.to_owned() + "\n[extra]\n", "unknown field `extra`"),
     ] {
         let error = Profile::parse("sim.toml", &text).unwrap_err().to_string();

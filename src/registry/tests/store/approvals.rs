@@ -7,6 +7,7 @@ use holdpoint_governance::approval::Answer;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{ApprovalRequest, Change, verify};
 
@@ -172,7 +173,7 @@ fn requests_queue_until_they_are_answered() {
         policy_digest: digest("sim"),
         profile: ProfileName::Sim,
         needed: 1,
-        deadline_ms,
+        until: WallTime::from_ms(deadline_ms),
         state,
         json: "{}".into(),
     };

@@ -153,8 +153,13 @@ fn of_head(head: &Node) -> Option<Digest> {
         None => Some(Digest::of_parts("holdpoint/checkpoint/v3", &[end, linked, vec![fold]].concat())),
         Some(root) => {
             let earlier = head.number(&["link", "earlier"]).unwrap_or(0).to_le_bytes();
-            let parts = [end, linked, vec![&earlier, &root, fold]].concat();
-            Some(Digest::of_parts("holdpoint/checkpoint/v4", &parts))
+            let mut parts = [end, linked, vec![&earlier, &root, fold]].concat();
+            let Some(Node::Raw(wall_ms)) = head.at(&["wall_ms"]) else {
+                return Some(Digest::of_parts("holdpoint/checkpoint/v4", &parts));
+            };
+            let wall_ms = wall_ms.parse::<i64>().ok()?.to_le_bytes();
+            parts.push(&wall_ms);
+            Some(Digest::of_parts("holdpoint/checkpoint/v5", &parts))
         }
     }
 }

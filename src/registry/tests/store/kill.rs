@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 
 use holdpoint_approvals::{Identity, Nonce};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::{
     AuditFilter, Change, Receipt, Store, StoreError, check_invariants, failpoint, verify,
 };
@@ -86,6 +87,7 @@ pub fn one_step(store: &Store, ada: &Identity, start: u64, step: u64) -> Result<
             let mut changes = vec![Change::ConsumeApproval {
                 nonce: nonce.to_string(),
                 evidence_digest: digest(&format!("gate {name}")),
+                at: Some(WallTime::from_ms(WALL_MS)),
             }];
             changes.extend(activation(&name, (&old, row_version(&active)), 1));
             commit(store, &format!("{command} shadowed"), shadowing(&name))?;

@@ -43,4 +43,5 @@ mod support;
 mod telemetry;
 mod tree;
 mod verifiers;
+mod wall_time;
 mod witnesses;

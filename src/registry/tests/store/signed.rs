@@ -212,8 +212,14 @@ fn a_key_in_place_of_the_stores_is_refused() {
     for file in files(folder.path()) {
         let old = Checkpoint::read(&file).unwrap();
         let head = holdpoint_registry::Head { seq: old.seq, hash: old.head, at_ms: old.at_ms };
-        let new =
-            Checkpoint::sign(&old.store_id, (head, old.root.unwrap()), old.link.unwrap(), old.fold, &own);
+        let new = Checkpoint::sign(
+            &old.store_id,
+            (head, old.root.unwrap()),
+            old.wall_ms,
+            old.link.unwrap(),
+            old.fold,
+            &own,
+        );
         fs::write(&file, serde_json::to_string(&new).unwrap()).unwrap();
     }
     for said in [refused(folder.path()), not_sound(folder.path())] {

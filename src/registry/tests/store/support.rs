@@ -14,6 +14,7 @@ use holdpoint_governance::lifecycle::Flags;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::loosened::{Loosened, Settings};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::names::{EvidenceKind, RequestState};
 use holdpoint_registry::{
     ActiveCause, ApprovalRequest, AuditBody, Change, ContextRules, NewVersion, Receipt, Store, StoreError,
@@ -118,6 +119,9 @@ pub fn authorize(store: &Store, who: &Identity, next: &Change) -> Result<(), Sto
     allow_profile(store, profile, ("{\"user\":\"ada\"}".to_owned(), act), 7)
 }
 
+/// Wall time of every transaction, ms since 1970.
+pub const WALL_MS: i64 = 1_700_000_000_000;
+
 /// A transaction with a command id of its own.
 pub fn transaction(command_id: &str, at_ms: u64, changes: Vec<Change>) -> Transaction {
     let (mut before, mut audit) = with_shown(&changes);
@@ -128,7 +132,7 @@ pub fn transaction(command_id: &str, at_ms: u64, changes: Vec<Change>) -> Transa
         subject: String::new(),
         body: "{}".into(),
     });
-    Transaction { command_id: command_id.into(), at_ms, wall_ms: 1_700_000_000_000, changes, audit }
+    Transaction { command_id: command_id.into(), at_ms, wall_ms: WALL_MS, changes, audit }
 }
 
 /// Commits changes under a command id at virtual time 1.
@@ -241,7 +245,7 @@ pub fn administrator(store: &Store) -> Identity {
     store.persons().unwrap().unasked(&store.layout().identities()).unwrap()
 }
 
-/// An approval of the shadowed `name` on its gate record, until 1000 ms.
+/// An approval of the shadowed `name` on its gate record, good for 1000 ms from [`WALL_MS`] on.
 pub fn approve(store: &Store, who: &Identity, name: &str, nonce: u8) -> SignedApproval {
     who.sign(over(approval(store, name, nonce), who)).unwrap()
 }
@@ -294,7 +298,7 @@ fn with_shown(changes: &[Change]) -> (Vec<Change>, Vec<AuditBody>) {
             policy_digest: said.policy_digest,
             profile: said.profile,
             needed: 1,
-            deadline_ms: said.not_after_ms,
+            until: said.not_after(),
             state: RequestState::Void,
             json: "{}".to_owned(),
         })));
@@ -323,7 +327,7 @@ pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
         profile: ProfileName::Sim,
         store_id: store.store_id().into(),
         nonce: Nonce::from_bytes([nonce; 16]),
-        not_after_ms: 1000,
+        not_after_ms: WALL_MS.unsigned_abs() + 1000,
         break_glass: false,
         shown: Some(ShownQuestion {
             renderer: 1,
@@ -340,6 +344,7 @@ pub fn consume(name: &str, nonce: u8) -> Change {
     Change::ConsumeApproval {
         nonce: Nonce::from_bytes([nonce; 16]).to_string(),
         evidence_digest: digest(&format!("gate {name}")),
+        at: Some(WallTime::from_ms(WALL_MS)),
     }
 }
 

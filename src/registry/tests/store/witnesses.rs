@@ -135,8 +135,14 @@ fn what_is_no_copy_of_this_store_is_named() {
     let secret = keyfile::read_secret(&folder.path().join("keys").join("store.key")).unwrap();
     let sign = |head: &Checkpoint, root: &str, key: &ed25519_dalek::SigningKey| {
         let end = holdpoint_registry::Head { seq: head.seq, hash: head.head, at_ms: head.at_ms };
-        let signed =
-            Checkpoint::sign(&head.store_id, (end, digest(root)), head.link.clone().unwrap(), None, key);
+        let signed = Checkpoint::sign(
+            &head.store_id,
+            (end, digest(root)),
+            head.wall_ms,
+            head.link.clone().unwrap(),
+            None,
+            key,
+        );
         serde_json::to_string(&signed).unwrap()
     };
     fs::write(path("tree.json"), sign(&head, "another tree", &secret)).unwrap();

@@ -114,19 +114,25 @@ pub fn date(wall_ms: i64) -> String {
 }
 
 /// `2026-11-22`, `2026-11-22T10:30`, `2026-11-22 10:30:05Z`, `2026-11-22T10:30:05+01:00` as ms since 1970; UTC where
-/// nothing else is said. `None` if it is none of these.
+/// nothing else is said. A fraction of a second is read, and nothing of it counts. `None` if it is none of these.
 #[must_use]
 pub fn read(text: &str) -> Option<i64> {
+    let ms = read_ms(text)?;
+    Some(ms - ms.rem_euclid(1_000))
+}
+
+/// A moment with its zone, to the millisecond, as ms since 1970; `None` for a text without a zone.
+#[must_use]
+pub fn read_zoned(text: &str) -> Option<i64> {
+    let (without, _) = without_offset(text)?;
+    if without.len() == text.len() { None } else { read_ms(text) }
+}
+
+fn read_ms(text: &str) -> Option<i64> {
     let (text, offset_ms) = without_offset(text)?;
     let (day, time) = text.split_once(['T', 't', ' ']).unwrap_or((text, "00:00"));
-    // A fraction of a second is read, and nothing of it counts.
-    let time = match time.split_once('.') {
-        None => time,
-        Some((whole, part)) => {
-            let digits = !part.is_empty() && part.len() <= 9 && part.bytes().all(|one| one.is_ascii_digit());
-            if digits { whole } else { return None }
-        }
-    };
+    let (time, part) = time.split_once('.').map_or((time, None), |(whole, part)| (whole, Some(part)));
+    let part_ms = part.map_or(Some(0), thousandths)?;
     let &[year, month, day] = numbers(day, '-', &[4, 2, 2])?.as_slice() else { return None };
     let time = numbers(time, ':', &[2, 2]).or_else(|| numbers(time, ':', &[2, 2, 2]))?;
     let &[hour, minute, ref second @ ..] = time.as_slice() else { return None };
@@ -135,7 +141,13 @@ pub fn read(text: &str) -> Option<i64> {
         return None;
     }
     let days = Day { year, month, day }.epoch()?;
-    Some(days * DAY_MS + (hour * 3_600 + minute * 60 + second) * 1_000 - offset_ms)
+    Some(days * DAY_MS + (hour * 3_600 + minute * 60 + second) * 1_000 + part_ms - offset_ms)
+}
+
+/// The digits behind the point of a second, up to nine, as whole milliseconds.
+fn thousandths(part: &str) -> Option<i64> {
+    let digits = !part.is_empty() && part.len() <= 9 && part.bytes().all(|one| one.is_ascii_digit());
+    if digits { format!("{part:0<3}").get(..3)?.parse().ok() } else { None }
 }
 
 /// A text without `Z` or `+01:00` at its end, and what that says, ms.

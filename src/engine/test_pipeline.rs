@@ -1,0 +1,45 @@
+//! A pipeline on a store of a test's own.
+
+use std::path::Path;
+
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::clock::Clock;
+use holdpoint_registry::Store;
+
+use crate::cell::Cell;
+use crate::ledger::Ledger;
+use crate::pipeline::{Pipeline, PipelineSettings};
+use crate::trial::cache::EpisodeCache;
+use crate::trial::seeds::CALIBRATION_FROM_RUN;
+use crate::wall_clock::WallClock;
+use crate::world::switch::Controls;
+
+pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
+    pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))
+}
+
+/// As [`pipeline`], by another wall clock; it is told the wall time of the newest record.
+pub(crate) fn pipeline_by(
+    folder: &Path,
+    profile: Profile,
+    wall: impl FnOnce(Option<WallTime>) -> WallClock,
+) -> Pipeline {
+    let store = Store::open(folder).unwrap();
+    let clock = Clock::scripted(store.opening().head.at_ms);
+    let settings = PipelineSettings {
+        seed: CALIBRATION_FROM_RUN,
+        jobs: 1,
+        table: PolicyTable::builtin(&profile).unwrap(),
+        profile,
+        own: None,
+        cell: Cell::builtin().unwrap(),
+        cache: EpisodeCache::InStore,
+        controls: Controls::default(),
+        omitted: holdpoint_governance::omitted::Omitted::default(),
+    };
+    let baselines = crate::embedded::baselines().unwrap();
+    let wall = wall(store.opening().newest_record);
+    Pipeline::new(settings, Ledger::open(store, wall).unwrap(), clock, baselines).unwrap()
+}

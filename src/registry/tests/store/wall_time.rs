@@ -1,0 +1,83 @@
+//! The wall time of the newest record: it is signed, and goes back where a person confirms the time alone.
+
+use std::fs;
+
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_registry::{AuditBody, Store, Transaction, verify};
+use rusqlite::Connection;
+
+use crate::edits::made;
+use crate::support::*;
+use crate::verifiers::{both, exported};
+
+/// As an editor does it: past the triggers that keep records as they are.
+fn set_newest(folder: &std::path::Path, wall_ms: i64) {
+    let connection = Connection::open(folder.join("holdpoint.db")).unwrap();
+    let mut select = connection
+        .prepare("SELECT name, sql FROM sqlite_schema WHERE type = 'trigger' AND tbl_name = 'audit'")
+        .unwrap();
+    let read = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?));
+    let triggers: Vec<(String, String)> = select.query_map([], read).unwrap().map(Result::unwrap).collect();
+    drop(select);
+    for (name, _) in &triggers {
+        connection.execute_batch(&format!("DROP TRIGGER {name}")).unwrap();
+    }
+    let sql = "UPDATE audit SET wall_ms = ?1 WHERE seq = (SELECT max(seq) FROM audit)";
+    assert_eq!(connection.execute(sql, [wall_ms]).unwrap(), 1);
+    for (_, sql) in &triggers {
+        connection.execute_batch(sql).unwrap();
+    }
+}
+
+/// With an earlier wall time in its last record and a file beside it, a store's clock jumped and a freeze was over.
+#[test]
+fn the_wall_time_of_the_newest_record_is_signed() {
+    let folder = tempfile::tempdir().unwrap();
+    made(folder.path());
+    let (database, file) = (folder.path().join("holdpoint.db"), folder.path().join("export"));
+    assert_eq!(open(folder.path()).opening().newest_record, Some(WallTime::from_ms(WALL_MS)));
+    verify(&database, None).unwrap();
+    let sound = exported(folder.path(), &file);
+    both(&file).unwrap();
+    for wall_ms in [1, 0, WALL_MS + 1] {
+        set_newest(folder.path(), wall_ms);
+        let error = unless_in_use(|| Store::open(folder.path())).unwrap_err().to_string();
+        assert!(error.contains("its wall time is not the one that was signed"), "{error}");
+        let error = verify(&database, None).unwrap_err().to_string();
+        assert!(error.contains("wall time"), "{error}");
+    }
+    set_newest(folder.path(), WALL_MS);
+    drop(open(folder.path()));
+    // In a file of the same records both verifiers find it.
+    let newest = sound.iter().rposition(|line| line.starts_with("{\"record\":")).unwrap();
+    let mut edited = sound.clone();
+    edited[newest] = edited[newest].replace(&format!("\"wall_ms\":{WALL_MS}"), "\"wall_ms\":1");
+    assert_ne!(edited, sound);
+    fs::write(&file, edited.join("\n") + "\n").unwrap();
+    let error = both(&file).unwrap_err();
+    assert!(error.contains("its wall time is not the one of its record"), "{error}");
+}
+
+#[test]
+fn wall_time_goes_back_where_a_person_confirms_it_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    let record = |kind| vec![AuditBody { kind, subject: String::new(), body: "{}".to_owned() }];
+    for (name, kind, wall_ms, kept) in [
+        ("first", RecordKind::ShiftNote, WALL_MS, WALL_MS),
+        ("earlier", RecordKind::ShiftNote, WALL_MS - 5_000, WALL_MS),
+        ("none", RecordKind::ShiftNote, 0, WALL_MS),
+        ("later", RecordKind::ShiftNote, WALL_MS + 9, WALL_MS + 9),
+        ("confirmed", RecordKind::ClockConfirmed, WALL_MS - 5_000, WALL_MS - 5_000),
+        ("after it", RecordKind::ShiftNote, WALL_MS - 4_000, WALL_MS - 4_000),
+    ] {
+        let transaction = Transaction { wall_ms, audit: record(kind), ..transaction(name, 1, Vec::new()) };
+        let seq = store.commit(transaction).unwrap().last_seq;
+        let found = store.views().unwrap().stamp(seq).unwrap().unwrap().wall_ms;
+        assert_eq!(found, Some(kept), "{name}");
+    }
+    drop(store);
+    assert_eq!(open(folder.path()).opening().newest_record, Some(WallTime::from_ms(WALL_MS - 4_000)));
+    verify(&folder.path().join("holdpoint.db"), None).unwrap();
+}
