@@ -17,7 +17,8 @@ use holdpoint_governance::loosened::Rules;
 use holdpoint_governance::outcome::{
     Assessment, Basis, BehaviorOutcome, Check, InterfaceOutcome, PolicyOutcome, RecoveryOutcome,
 };
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopKept};
 use holdpoint_protocol::event::EventKind;

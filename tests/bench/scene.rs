@@ -175,6 +175,7 @@ fn in_shadow(at_ms: u64) -> Vec<Event> {
         version: version.clone(),
         digest: Digest::of_parts("measurement", &[b"grasp"]),
         author: "measurement".to_owned(),
+        requester: holdpoint_governance::approval::Requester::Script,
         provenance: holdpoint::governance::submission::Provenance::Manual,
         risk: holdpoint::governance::submission::Risk::Low,
         parent: Some("grasp@1.0.0".to_owned()),

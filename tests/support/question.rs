@@ -13,7 +13,7 @@ use holdpoint_protocol::question::{
 use holdpoint_protocol::snapshot::{PromptView, Purpose};
 use serde_json::Value;
 
-use super::{NOW_MS, candidates, digest, id};
+use super::{TIME, candidates, digest, id};
 
 fn changed(field: &str, old: Option<Value>, new: Option<Value>) -> Difference {
     Difference { field: field.to_owned(), old, new }
