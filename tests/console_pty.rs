@@ -8,6 +8,8 @@
 mod agent;
 #[path = "console_pty/alone.rs"]
 mod alone;
+#[path = "console_pty/answers.rs"]
+mod answers;
 #[path = "console_pty/health.rs"]
 mod health;
 #[path = "console_pty/own.rs"]
@@ -25,6 +27,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use agent::Agent;
+use answers::{bob_approves, engine_that_asks};
 use pty::{Console, Home};
 use rustix::process::Signal;
 
@@ -74,8 +77,8 @@ fn assert_restored(console: &Console) {
 fn staffed() -> Home {
     let home = Home::new();
     let words = words(&home);
-    for name in ["alice", "bob"] {
-        home.must(&["identity", "new", name, "--role", "engineer", "--passphrase-file", &words]);
+    for (name, role) in [("alice", "engineer"), ("bob", "safety")] {
+        home.must(&["identity", "new", name, "--role", role, "--passphrase-file", &words]);
     }
     home.must(&["identity", "passphrase", "admin", "--new-passphrase-file", &words]);
     for name in ["alice", "bob"] {
@@ -292,6 +295,8 @@ fn an_operator_approves() {
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     console.keys(PASSPHRASE);
     press_until_it_counts(&mut console, "\r");
+    let (code, said) = bob_approves(&home);
+    assert_eq!(code, Some(0), "{said}");
     console.keys("1");
     console.wait_for("the version is active", |screen| {
         screen
@@ -312,24 +317,6 @@ fn words(home: &Home) -> String {
     std::fs::write(&file, PASSPHRASE).unwrap();
     std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
     file.to_str().unwrap().to_owned()
-}
-
-/// An engine that asks people about the waiting version, and the digest of what they are asked about.
-fn engine_that_asks(home: &Home) -> (Console, String) {
-    let engine =
-        home.console(&["serve", "--quiet", "--profile", "human", "--pace", "max", "--jobs", "1"], SIZE);
-    let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
-    loop {
-        // Whoever names other evidence is told which it is, before anything is signed.
-        let wrong = ["approve", "align@1.1.0", "--as", "alice", "--reason", "r", "--digest", "00000000"];
-        let output = home.run(&wrong);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        if let Some((_, waits)) = said.split_once("waits with the evidence ") {
-            return (engine, waits.chars().take(8).collect());
-        }
-        assert!(std::time::Instant::now() < until, "nothing waits: {said}\n{}", engine.contents());
-        std::thread::yield_now();
-    }
 }
 
 fn becomes_active(home: &Home) {
@@ -355,13 +342,15 @@ fn an_approval_that_is_enough_ends_with_0() {
     let (code, said) = approve(&["--digest", "00000000"]);
     assert_eq!(code, Some(3), "{said}");
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
+    let (code, said) = bob_approves(&home);
+    assert_eq!(code, Some(3), "one of two is not enough: {said}");
     let (code, said) = approve(&["--digest", &digest]);
     assert_eq!(code, Some(0), "{said}");
     becomes_active(&home);
     engine.signal(Signal::TERM);
     assert_eq!(engine.end().exit_code(), 0);
     let granted = home.must(&["audit", "list", "--kind", "approval-put", "--json"]);
-    assert_eq!(granted.lines().count(), 1, "the one with another digest is on record as well: {granted}");
+    assert_eq!(granted.lines().count(), 2, "the one with another digest is on record as well: {granted}");
     verified(&home);
 }
 
@@ -390,6 +379,7 @@ fn a_key_of_an_agent_approves_by_a_call() {
     };
     let (code, said) = approve("/nobody");
     assert!(code == 2 && said.contains("ssh-agent"), "{code}: {said}");
+    assert_eq!(bob_approves(&home).0, Some(3));
     let socket = agent.socket();
     let (code, said) = approve(socket.to_str().unwrap());
     assert_eq!(code, 0, "{said}");
@@ -410,6 +400,8 @@ fn a_key_of_an_agent_approves_at_the_prompt() {
     fill(&mut console, &id, "evidence read");
     press_until_it_counts(&mut console, "Y");
     assert!(!console.raw().contains("Passphrase of"), "the agent is asked, and nobody else");
+    let (code, said) = bob_approves(&home);
+    assert_eq!(code, Some(0), "{said}");
     becomes_active(&home);
     assert_eq!(quit(&mut console), 0);
     verified(&home);

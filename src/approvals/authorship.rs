@@ -56,7 +56,7 @@ mod tests {
     #[test]
     fn it_is_over_version_submission_and_author() {
         let folder = tempfile::tempdir().unwrap();
-        let acme = Identity::create(folder.path(), "acme", Role::Author).unwrap();
+        let acme = Identity::create(folder.path(), "acme", Role::Operator).unwrap();
         let candidate = Digest::of_parts("t", &[b"c"]);
         let signed = SignedAuthorship::by(&acme, &candidate, "author = \"acme\"").unwrap();
         assert!(signed.holds(&candidate, "author = \"acme\""));
@@ -64,7 +64,7 @@ mod tests {
         assert!(!signed.holds(&candidate, "author = \"acme\"\nestimated_risk = \"low\""));
         let renamed = SignedAuthorship { author: "ada".to_owned(), ..signed.clone() };
         assert!(!renamed.holds(&candidate, "author = \"acme\""));
-        let other = Identity::create(folder.path(), "other", Role::Author).unwrap();
+        let other = Identity::create(folder.path(), "other", Role::Operator).unwrap();
         let public_key = hex(other.info().public_key.as_bytes());
         assert!(!SignedAuthorship { public_key, ..signed }.holds(&candidate, "author = \"acme\""));
     }

@@ -452,7 +452,7 @@ impl Persons {
             self.named(by).filter(is_signer).ok_or_else(|| PersonError::SignerUnknown(by.to_owned()))?;
         match signer.role {
             Role::Admin => Ok(()),
-            role @ (Role::Operator | Role::Engineer | Role::Safety | Role::Author) => {
+            role @ (Role::Operator | Role::Engineer | Role::Safety) => {
                 Err(PersonError::NoAdministrator { name: by.to_owned(), role })
             }
         }

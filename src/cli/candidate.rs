@@ -109,8 +109,8 @@ pub struct RegisterArgs {
 /// The arguments of `candidate sign`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-An organization signs by an identity of the role author. Any later change of
-the folder voids the signature.
+An organization signs by an identity of its own. Any later change of the
+folder voids the signature.
 
 Example:
   holdpoint candidate sign my-grasp --as acme")]

@@ -256,8 +256,9 @@ impl Engine {
     pub fn start_experiment(config: Config<'_>, experiment: Experiment) -> Result<Self, StartError> {
         let Experiment { omitted, first } = experiment;
         if !omitted.is_none() && !config.scripted {
-            let text = "a part of the way can be left out in a script alone".to_owned();
-            return Err(StartError::LeftOut(text));
+            return Err(StartError::LeftOut(
+                "a part of the way can be left out in a script alone".to_owned(),
+            ));
         }
         // The gate holds what nobody looked at, and would hold every candidate.
         if omitted.has(Part::Sandbox) && omitted.has(Part::Shadow) {
@@ -291,19 +292,15 @@ impl Engine {
             (Clock::scripted(at_ms), KeptClock::none(), WallClock::scripted(at_ms, opening.newest_record))
         } else {
             let from_ms = kept_clock::resumed_ms(store.layout(), &store.views()?)?;
-            let wall = WallClock::of_machine(
-                Box::new(MachineClocks),
-                opening.newest_record,
-                profile.clock.jump_max_s,
-            );
+            let (newest, jump_max_s) = (opening.newest_record, profile.clock.jump_max_s);
+            let wall = WallClock::of_machine(Box::new(MachineClocks), newest, jump_max_s);
             (Clock::real(from_ms), KeptClock::begin(store.layout(), from_ms), wall)
         };
         keep_compiled_in(store.layout().compiled(), store.cells().secret().derived("compiled components")?);
         let ledger = Ledger::open(store, wall)?;
         let given = BoundRobot::of(&config.cell);
-        if let Some(recorded) =
-            bound::robot(&ledger.store().views()?)?.filter(|recorded| !recorded.is(&given))
-        {
+        let other = bound::robot(&ledger.store().views()?)?.filter(|recorded| !recorded.is(&given));
+        if let Some(recorded) = other {
             return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
         }
         bound::check_pointers(&ledger.store().views()?, &given)?;
@@ -393,11 +390,8 @@ impl Engine {
             // A stop is carried out whatever its id was used for, or waits under.
             self.answers.retain(|answer| answer.id != request.id);
         } else if let Some(answer) = self.answers.iter().find(|answer| answer.id == request.id) {
-            return Some(if answer.command == fingerprint(&request.command) {
-                answer.reply.clone()
-            } else {
-                used_otherwise(&request.id)
-            });
+            let same = answer.command == fingerprint(&request.command);
+            return Some(if same { answer.reply.clone() } else { used_otherwise(&request.id) });
         } else if let Some(waiting) = self.waiting.iter().find(|waiting| waiting.request.id == request.id) {
             return (waiting.request.command != request.command).then(|| used_otherwise(&request.id));
         }
@@ -436,10 +430,8 @@ impl Engine {
                 self.pipeline.end();
                 self.kept_clock.keep(self.now_ms());
                 self.ended = true;
-                Reply::Accepted {
-                    text: "the engine ends; nothing was approved or activated by it".to_owned(),
-                    version: None,
-                }
+                let text = "the engine ends; nothing was approved or activated by it".to_owned();
+                Reply::Accepted { text, version: None }
             }
             Command::Stop { by, reason } => {
                 let id = request.id.clone();

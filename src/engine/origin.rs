@@ -126,6 +126,12 @@ fn signed_by_author(
     Ok(signed.public_key)
 }
 
+/// The person of this name, with their key if the store knows them.
+pub(crate) fn person(persons: &Persons, name: &str) -> Requester {
+    let key = persons.named(name).map(holdpoint_approvals::Person::key_hex).unwrap_or_default();
+    Requester::Person { name: name.to_owned(), key }
+}
+
 /// Who asks for a registration: the person who signed it; in a script the person whom the step names.
 pub(crate) fn requester(
     signer: Option<(&str, &str)>,
@@ -133,13 +139,9 @@ pub(crate) fn requester(
     named: Option<&str>,
     persons: &Persons,
 ) -> Requester {
-    let person = |name: &str, key: String| Requester::Person { name: name.to_owned(), key };
     match (signer, is_scripted, named) {
-        (Some((name, key)), _, _) => person(name, key.to_owned()),
-        (None, true, Some(name)) => {
-            let key = persons.named(name).map(holdpoint_approvals::Person::key_hex).unwrap_or_default();
-            person(name, key)
-        }
+        (Some((name, key)), _, _) => Requester::Person { name: name.to_owned(), key: key.to_owned() },
+        (None, true, Some(name)) => person(persons, name),
         (None, true, None) => Requester::Script,
         (None, false, _) => Requester::Unknown,
     }

@@ -399,7 +399,8 @@ fn shadowed(pipeline: &mut Pipeline, policy: PolicyOutcome, conditions: Vec<Cond
     const NAME: &str = "align-improved";
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(NAME)).unwrap();
     let id = Capability::load(NAME, package.clone()).unwrap().id();
-    accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned(), by: None }));
+    let by = Some("rita".to_owned());
+    accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned(), by }));
     let candidate = pipeline.record().capability(&id).unwrap();
     let live = pipeline.live();
     let bound = crate::binding::binding(live.context, live.record.ledger(), &candidate);

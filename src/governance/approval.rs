@@ -42,8 +42,6 @@ crate::words! {
         Safety = "safety",
         /// Answers for who may decide: enrols people's keys and revokes them, and approves no version.
         Admin = "admin",
-        /// Signs versions as their author: a person, or an organization by its key. Approves no version.
-        Author = "author",
     }
 }
 
@@ -55,7 +53,7 @@ impl Role {
             (Self::Operator, Risk::Low)
             | (Self::Engineer | Self::Safety, Risk::Low | Risk::Medium | Risk::High) => true,
             (Self::Operator, Risk::Medium | Risk::High)
-            | (Self::Admin | Self::Author, Risk::Low | Risk::Medium | Risk::High) => false,
+            | (Self::Admin, Risk::Low | Risk::Medium | Risk::High) => false,
         }
     }
 
@@ -64,7 +62,7 @@ impl Role {
     pub const fn lets_go_on(self) -> bool {
         match self {
             Self::Operator | Self::Engineer | Self::Safety => true,
-            Self::Admin | Self::Author => false,
+            Self::Admin => false,
         }
     }
 }
@@ -212,9 +210,9 @@ pub struct Request {
     pub requester: Requester,
     /// Who wrote the candidate; cannot approve.
     pub author: Author,
-    /// Name of the person who put this very question: asked for a release, or used the emergency door whose review
-    /// it is. Cannot approve; absent for an activation.
-    pub asked_by: Option<String>,
+    /// The person who put this very question: asked for a release, or used the emergency door whose review it is.
+    /// Cannot approve; absent for an activation.
+    pub asked_by: Option<Requester>,
     /// From when on nobody's answer comes in time: the profile's `approval.timeout_s` after it was asked.
     pub until: WallTime,
 }
@@ -280,10 +278,53 @@ pub fn quorum(settings: &ApprovalSettings, risk: Risk, review: bool) -> u8 {
 ///
 /// An answer counts if its signature is valid, its nonce unused, it is over exactly this subject and not
 /// expired. An approval must also come from somebody else than requester, author and who put the question, whose role
-/// reaches the class; high risk needs a safety officer among them. Two names with one key are one person, who counts once. A refusal
-/// that counts refuses, whoever it comes from.
+/// reaches the class; high risk needs a safety officer among them. Two names with one key are one person, who counts once.
+/// A refusal that counts refuses, by whichever person.
 #[must_use]
 pub fn evaluate(
+    request: &Request,
+    votes: &[Vote],
+    now: WallTime,
+    settings: &ApprovalSettings,
+) -> ApprovalResult {
+    evaluate_under(AllRules, request, votes, now, settings)
+}
+
+/// One rule of counting each; the model walk leaves out one after the other and has to notice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ApprovalRule {
+    Signature,
+    Nonce,
+    Subject,
+    Expiry,
+    Requester,
+    Author,
+    AskedBy,
+    Role,
+    OneKey,
+    SafetyOfficer,
+    Quorum,
+    Refusal,
+    Deadline,
+    EmergencyAllowed,
+}
+
+/// Which rules are demanded: all, but in the walk's mutants.
+pub(crate) trait ApprovalRules: Copy {
+    fn demands(self, rule: ApprovalRule) -> bool;
+}
+
+#[derive(Clone, Copy)]
+pub(crate) struct AllRules;
+
+impl ApprovalRules for AllRules {
+    fn demands(self, _: ApprovalRule) -> bool {
+        true
+    }
+}
+
+fn evaluate_under(
+    rules: impl ApprovalRules,
     request: &Request,
     votes: &[Vote],
     now: WallTime,
@@ -304,24 +345,26 @@ pub fn evaluate(
     let mut glass: Option<&Vote> = None;
     let mut until: Option<WallTime> = None;
     for vote in votes {
-        if let Some((code, text)) = void(vote, request, now) {
+        if let Some((code, text)) = void(rules, vote, request, now) {
             reasons.push(reason(code, format!("the answer of {:?} does not count: {text}", vote.person)));
             continue;
         }
-        if vote.answer == Answer::Reject {
+        if vote.answer == Answer::Reject && rules.demands(ApprovalRule::Refusal) {
             reasons.insert(0, reason(ReasonCode::ApprovalRefused, format!("{:?} refused", vote.person)));
             return ApprovalResult {
                 outcome: ApprovalOutcome::Refused { person: vote.person.clone() },
                 reasons,
             };
         }
-        if let Some((code, text)) = not_independent(vote, request) {
+        if let Some((code, text)) = not_independent(rules, vote, request) {
             reasons.push(reason(code, format!("the approval of {:?} does not count: {text}", vote.person)));
             continue;
         }
         // An answer without a key is nobody's but its name's.
         let same_key = !vote.key.is_empty() && keys.contains(vote.key.as_str());
-        if same_key || people.contains(vote.person.as_str()) {
+        let is_duplicate =
+            (same_key && rules.demands(ApprovalRule::OneKey)) || people.contains(vote.person.as_str());
+        if is_duplicate {
             let text = if people.contains(vote.person.as_str()) {
                 format!("{:?} answered twice and counts once", vote.person)
             } else {
@@ -332,13 +375,16 @@ pub fn evaluate(
         }
         people.insert(&vote.person);
         keys.insert(&vote.key);
-        if vote.break_glass && settings.break_glass && is_visible(&vote.reason) {
+        let emergencies = settings.break_glass || !rules.demands(ApprovalRule::EmergencyAllowed);
+        if vote.break_glass && emergencies && is_visible(&vote.reason) {
             glass = Some(vote);
         }
         safety |= vote.role == Role::Safety;
         until = Some(until.map_or(vote.until, |until| until.min(vote.until)));
     }
-    let enough = people.len() >= usize::from(request.quorum) && (request.risk != Risk::High || safety);
+    let wanted = if rules.demands(ApprovalRule::Quorum) { usize::from(request.quorum) } else { 1 };
+    let officer = request.risk != Risk::High || safety || !rules.demands(ApprovalRule::SafetyOfficer);
+    let enough = people.len() >= wanted && officer;
     if enough || glass.is_some() {
         let break_glass = !enough;
         let code = if break_glass { ReasonCode::ApprovalBreakGlass } else { ReasonCode::ApprovalGranted };
@@ -355,31 +401,41 @@ pub fn evaluate(
         let people = people.into_iter().map(ToOwned::to_owned).collect();
         return ApprovalResult { outcome: ApprovalOutcome::Granted { people, until, break_glass }, reasons };
     }
-    if now >= request.until {
+    if now >= request.until && rules.demands(ApprovalRule::Deadline) {
         let text = format!("nobody answered by {}; the version is held", request.until);
         reasons.insert(0, reason(ReasonCode::ApprovalTimeout, text));
         return ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons };
     }
     let count = u8::try_from(people.len()).unwrap_or(u8::MAX);
     let missing = request.quorum.saturating_sub(count).max(1);
-    let text = "approvals are missing".to_owned();
+    let text = if people.len() >= wanted && !officer {
+        "the approval of a safety officer is missing".to_owned()
+    } else {
+        "approvals are missing".to_owned()
+    };
     let pending = reason(ReasonCode::ApprovalPending, text).with(f64::from(count), f64::from(request.quorum));
     reasons.insert(0, pending);
     ApprovalResult { outcome: ApprovalOutcome::Pending { missing }, reasons }
 }
 
 /// Why an answer counts neither as approval nor as refusal.
-fn void(vote: &Vote, request: &Request, now: WallTime) -> Option<(ReasonCode, &'static str)> {
-    if vote.signature != SignatureCheck::Valid {
+fn void(
+    rules: impl ApprovalRules,
+    vote: &Vote,
+    request: &Request,
+    now: WallTime,
+) -> Option<(ReasonCode, &'static str)> {
+    use ApprovalRule::{Expiry, Nonce, Signature, Subject};
+    if rules.demands(Signature) && vote.signature != SignatureCheck::Valid {
         Some((ReasonCode::ApprovalSignature, "the signature is not theirs"))
-    } else if vote.nonce_used {
+    } else if rules.demands(Nonce) && vote.nonce_used {
         Some((ReasonCode::ApprovalReplayed, "it was used before"))
-    } else if vote.subject != request.subject {
+    } else if rules.demands(Subject) && vote.subject != request.subject {
         Some((
             ReasonCode::ApprovalStale,
             "it is over another version, row version, evidence, policy or profile",
         ))
-    } else if now >= vote.until {
+    } else if rules.demands(Expiry) && now >= vote.until {
         Some((ReasonCode::ApprovalExpired, "it has expired"))
     } else {
         None
@@ -387,17 +443,25 @@ fn void(vote: &Vote, request: &Request, now: WallTime) -> Option<(ReasonCode, &'
 }
 
 /// Why an approval does not count although the answer does.
-fn not_independent(vote: &Vote, request: &Request) -> Option<(ReasonCode, &'static str)> {
+fn not_independent(
+    rules: impl ApprovalRules,
+    vote: &Vote,
+    request: &Request,
+) -> Option<(ReasonCode, &'static str)> {
+    use ApprovalRule::{AskedBy, Author, Requester, Role};
     let (person, key) = (vote.person.as_str(), vote.key.as_str());
-    if request.requester.is(person, key) {
+    if rules.demands(Requester) && request.requester.is(person, key) {
         Some((ReasonCode::ApprovalSelf, "they registered the version, and so cannot approve it"))
-    } else if request.author.is(person, key) {
+    } else if rules.demands(Author) && request.author.is(person, key) {
         Some((ReasonCode::ApprovalSelf, "they wrote the version, and so cannot approve it"))
-    } else if request.asked_by.as_deref() == Some(person) {
+    } else if rules.demands(AskedBy) && request.asked_by.as_ref().is_some_and(|asker| asker.is(person, key)) {
         Some((ReasonCode::ApprovalSelf, "they asked for this themselves, and so cannot approve it"))
-    } else if !vote.role.reaches(request.risk) {
+    } else if rules.demands(Role) && !vote.role.reaches(request.risk) {
         Some((ReasonCode::ApprovalRole, "the role does not reach this risk tier"))
     } else {
         None
     }
 }
+
+#[cfg(test)]
+mod walk;

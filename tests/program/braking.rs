@@ -105,7 +105,7 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let until = Instant::now() + PATIENCE;
     while !is_so() {
         assert!(Instant::now() < until, "{what}");
-        std::thread::sleep(Duration::from_micros(200));
+        std::thread::yield_now();
     }
 }
 

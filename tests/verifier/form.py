@@ -28,7 +28,7 @@ VERSION = re.compile(
     r"(-(0|[1-9][0-9]*|[0-9]*[A-Za-z-][0-9A-Za-z-]*)(\.(0|[1-9][0-9]*|[0-9]*[A-Za-z-][0-9A-Za-z-]*))*)?"
     r"(\+[0-9A-Za-z-]+(\.[0-9A-Za-z-]+)*)?"
 )
-ROLES = ("operator", "engineer", "safety", "admin", "author")
+ROLES = ("operator", "engineer", "safety", "admin")
 DECISIONS = ("approve", "reject")
 PROFILES = ("sim", "real", "human")
 

@@ -216,8 +216,8 @@ mod tests {
         assert_eq!(
             row.line(),
             format!(
-                "waiting  grasp@1.1.0 for an engine, which asks 2 people to approve the evidence {evidence} until its clock is \
-                 at 90 s; on record as approved by ana; new permissions: zone tray"
+                "waiting  grasp@1.1.0 for an engine, which asks 2 people to approve the evidence {evidence} by 00:01:30 UTC, \
+                 1 min left; on record as approved by ana; new permissions: zone tray"
             )
         );
         assert!(stored(&[]).line().contains("on record as approved by nobody yet"));
@@ -225,7 +225,8 @@ mod tests {
         assert_eq!(
             row.line(),
             format!(
-                "waiting  grasp@1.1.0 for 2 people to approve the evidence {evidence} by 90 s; approved by ana"
+                "waiting  grasp@1.1.0 for 2 people to approve the evidence {evidence} by 00:01:30 UTC, 1 min left; approved \
+                 by ana"
             )
         );
     }

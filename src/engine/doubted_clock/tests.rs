@@ -119,7 +119,7 @@ fn an_approval_lapses_while_no_engine_runs() {
     // A review takes two people.
     let id = asked(&mut first, PolicyOutcome::Review, Vec::new());
     let [ana, ben] =
-        ["ana", "ben"].map(|name| enrolled(first.live().record, name, Role::Engineer, Keep::Plain));
+        ["ana", "ben"].map(|name| enrolled(first.live().record, name, Role::Safety, Keep::Plain));
     let question = first.snapshot().prompts.remove(0);
     assert_eq!(question.until, machine.said().plus_secs(human.approval.timeout_s));
     approve(&mut first, &question, &ana);
@@ -154,7 +154,7 @@ fn a_first_answer_runs_out_before_the_second() {
     let mut first = engine(folder.path(), &human, &machine);
     let id = asked(&mut first, PolicyOutcome::Review, Vec::new());
     let [ana, ben] =
-        ["ana", "ben"].map(|name| enrolled(first.live().record, name, Role::Engineer, Keep::Plain));
+        ["ana", "ben"].map(|name| enrolled(first.live().record, name, Role::Safety, Keep::Plain));
     let asked_first = first.snapshot().prompts.remove(0);
     approve(&mut first, &asked_first, &ana);
     drop(first);

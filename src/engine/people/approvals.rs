@@ -296,6 +296,12 @@ impl Approvals {
             policy: said.policy_digest,
             profile,
         };
+        // A refusal is never too late, and a review stays open past its time.
+        let is_late = now >= prompt.request.until && prompt.purpose != Purpose::Review;
+        if is_late && said.decision == Answer::Approve {
+            let text = format!("the question about {id} was open until {}", prompt.request.until);
+            return refuse(Refusal::NotNow, text, Some("`holdpoint resume` has people asked again"));
+        }
         if subject != prompt.request.subject {
             let text = format!("the decision on {id} is over something that has changed since");
             return refuse(Refusal::Stale, text, Some("look at the prompt again and decide again"));

@@ -310,7 +310,7 @@ fn facts(
         assessed: dossier.risk.clone(),
         requester: request.requester.clone(),
         author: request.author.clone(),
-        asked_by: request.asked_by.clone(),
+        asked_by: request.asked_by.as_ref().map(|asker| asker.name().to_owned()),
         about: asked.about.clone(),
         state: standing.state,
         deployment: dossier.deployment,

@@ -89,4 +89,6 @@ pub(crate) fn way_back(record: &Record, id: &CapabilityId) -> Option<CapabilityI
 }
 
 #[cfg(test)]
+mod independence;
+#[cfg(test)]
 pub(crate) mod tests;

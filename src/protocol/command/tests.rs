@@ -35,6 +35,7 @@ fn commands() -> Vec<Value> {
         json!({ "command": "unshelve-alarm", "alarm": "x", "by": "ana" }),
         json!({ "command": "stop", "by": "", "reason": "" }),
         json!({ "command": "go", "by": "ana", "reason": "r", "since_ms": 1, "stops": 1 }),
+        json!({ "command": "confirm-time", "by": "ana", "reason": "r", "time": "2026-01-01T00:00:00Z" }),
         json!({ "command": "note", "by": "ana", "text": "t" }),
         json!({ "command": "goal", "goal": "grasp", "by": "ana", "reason": "r" }),
         json!({ "command": "pace", "times": null }),
@@ -76,7 +77,10 @@ fn every_command_reads_gives_takes_or_does_neither() {
     let classes = [
         (Authority::Reads, "audit detail film health question registry snapshot verify-audit"),
         (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
-        (Authority::Gives, "continue go goal rearm register release repeat reset-alarm resume shelve-alarm"),
+        (
+            Authority::Gives,
+            "confirm-time continue go goal rearm register release repeat reset-alarm resume shelve-alarm",
+        ),
         (Authority::SignedItself, "decide person"),
         (Authority::Neither, "acknowledge-alarm drift live-fault note pace unshelve-alarm"),
     ];

@@ -9,6 +9,7 @@ use crate::purpose::Purpose;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::profile::titled;
 use holdpoint_governance::risk::RiskClass;
+use holdpoint_governance::submission::Risk;
 use holdpoint_text::Untrusted;
 
 /// Version of the words below.
@@ -42,11 +43,13 @@ pub fn render(facts: &QuestionFacts) -> Vec<String> {
     ));
     let assessed =
         facts.assessed.as_ref().map_or_else(|| "high (not assessed)".to_owned(), RiskClass::in_words);
-    lines.push(format!(
-        "Risk {assessed}; {} {} to approve",
-        facts.needed,
-        if facts.needed == 1 { "person has" } else { "people have" }
-    ));
+    let needed = match (facts.needed, facts.risk) {
+        (1, Risk::High) => "takes a safety officer".to_owned(),
+        (needed, Risk::High) => format!("takes {needed} people, a safety officer among them"),
+        (1, Risk::Low | Risk::Medium) => "takes 1 person".to_owned(),
+        (needed, Risk::Low | Risk::Medium) => format!("takes {needed} people"),
+    };
+    lines.push(format!("Risk {assessed}; {needed}"));
     if let Some(deployment) = facts.deployment {
         lines.push(format!("Deployment outcome so far: {deployment}"));
     }

@@ -279,7 +279,7 @@ fn a_queued_candidate_says_what_it_waits_for() {
     // Whoever waits for people is not at the beginning of a stage.
     with(&mut console, |now| now.candidates[0].flags.running = Some(Stage::Activation));
     let text = screen(&console, 120, 36);
-    assert!(text.contains("0 of 2 approved, held in 9 min 0 s") && !text.contains("begins"), "{text}");
+    assert!(text.contains("0 of 2 approved, held at ") && !text.contains("begins"), "{text}");
 }
 
 /// Its window was over, and nothing said what it goes on being provisional for.

@@ -86,13 +86,14 @@ impl PendingQuestion {
             policy: context.digest,
             profile: context.profile_digest,
         };
+        let persons = record.ledger().store().persons()?;
         let request = Request {
             subject,
             risk,
             quorum,
             requester: member.origin.requester.clone(),
-            author: origin::author(&record.ledger().store().persons()?, member),
-            asked_by,
+            author: origin::author(&persons, member),
+            asked_by: asked_by.map(|name| origin::person(&persons, &name)),
             until,
         };
         let active = record.active_of(&id.family).map(|active| active.id());

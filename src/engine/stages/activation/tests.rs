@@ -38,9 +38,17 @@ fn profile(name: ProfileName) -> Profile {
 
 /// Registers a version, lets the rules validate it, and puts it before people.
 pub(crate) fn asked(pipeline: &mut Pipeline, package: Package) -> CapabilityId {
+    asked_by(pipeline, package, None)
+}
+
+/// As [`asked`], registered on a person's behalf.
+pub(crate) fn asked_by(pipeline: &mut Pipeline, package: Package, by: Option<&str>) -> CapabilityId {
     let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
-    let register =
-        holdpoint_protocol::command::Command::Register { package, name: "test".to_owned(), by: None };
+    let register = holdpoint_protocol::command::Command::Register {
+        package,
+        name: "test".to_owned(),
+        by: by.map(ToOwned::to_owned),
+    };
     let reply = pipeline.command(register);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     pipeline.advance();

@@ -42,7 +42,7 @@ fn request(risk: Risk) -> Request {
         quorum: 2,
         requester: Requester::Person { name: "rita".into(), key: "key of rita".into() },
         author: Author { name: "arno".into(), authorship: Authorship::Signed, key: "key of arno".into() },
-        asked_by: Some("otto".into()),
+        asked_by: Some(Requester::Person { name: "otto".into(), key: "key of otto".into() }),
         until: at(600),
     }
 }
@@ -50,7 +50,7 @@ fn request(risk: Risk) -> Request {
 #[test]
 fn what_does_not_count() {
     type Change = fn(&mut Vote);
-    let table: [(&str, Change, ReasonCode); 14] = [
+    let table: [(&str, Change, ReasonCode); 15] = [
         ("forged", |v| v.signature = SignatureCheck::Invalid, ApprovalSignature),
         ("used", |v| v.nonce_used = true, ApprovalReplayed),
         ("other row", |v| v.subject.row_version = 2, ApprovalStale),
@@ -63,6 +63,7 @@ fn what_does_not_count() {
         ("requester under another name", |v| v.key = "key of rita".into(), ApprovalSelf),
         ("author under another name", |v| v.key = "key of arno".into(), ApprovalSelf),
         ("who put the question", |v| v.person = "otto".into(), ApprovalSelf),
+        ("who put the question, under another name", |v| v.key = "key of otto".into(), ApprovalSelf),
         ("same person", |v| v.person = "ann".into(), ApprovalDuplicate),
         ("role", |v| v.role = Role::Operator, ApprovalRole),
     ];

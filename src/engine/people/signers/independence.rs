@@ -1,0 +1,138 @@
+//! Who registered or wrote a version approves none of it, by whichever door and after whichever restart; and an author's
+//! estimate lowers nothing.
+
+use holdpoint_approvals::SignedAuthorship;
+use holdpoint_governance::approval::Requester;
+use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::outcome::PolicyOutcome;
+use holdpoint_governance::risk::RiskCause;
+use holdpoint_governance::submission::{Package, Risk};
+use holdpoint_protocol::event::EventKind;
+
+use super::tests::{question, signed};
+use super::*;
+use crate::people::persons::enrolled;
+use crate::pipeline::Pipeline;
+use crate::stages::activation::tests::{asked_by, package};
+use crate::test_pipeline::pipeline;
+use crate::tests::asked;
+use holdpoint_approvals::keyfile::Keep;
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::Command;
+
+fn person(pipeline: &mut Pipeline, name: &str, role: Role) -> Identity {
+    enrolled(pipeline.live().record, name, role, Keep::Plain)
+}
+
+fn approve(pipeline: &mut Pipeline, who: &Identity) -> Reply {
+    let open = pipeline.snapshot().prompts.remove(0);
+    match signed(pipeline, &open, who, Answer::Approve) {
+        Ok(command) => pipeline.command(command),
+        Err(refused) => refused,
+    }
+}
+
+fn said(reply: &Reply) -> &str {
+    match reply {
+        Reply::Accepted { text, .. } | Reply::Refused { text, .. } => text,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn submitted(author: &str) -> Package {
+    let mut submitted = package("align-improved", &[]);
+    let (from, to) = ("author = \"skill-lab\"", format!("author = \"{author}\""));
+    assert!(submitted.submission.contains(from), "{}", submitted.submission);
+    submitted.submission = submitted.submission.replace(from, &to);
+    submitted
+}
+
+/// One engineer registered a version and approved it alone: the requester was the constant "engine".
+#[test]
+fn who_registered_a_version_does_not_approve_it_after_a_restart_either() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut first = pipeline(folder.path(), ProfileName::Human);
+    let [rita, ben, sam] = ["rita", "ben", "sam"].map(|name| person(&mut first, name, Role::Safety));
+    // It is registered on behalf of rita.
+    let id = asked(&mut first, PolicyOutcome::Review, Vec::new());
+    assert_eq!(first.snapshot().prompts[0].requester.name(), "rita");
+    assert!(said(&approve(&mut first, &rita)).contains("they registered the version"), "it does not count");
+    drop(first);
+    let mut second = pipeline(folder.path(), ProfileName::Human);
+    let open = second.snapshot().prompts.remove(0);
+    let shown = question(&mut second, &open, "ben").unwrap();
+    assert!(shown.lines.iter().any(|line| line.contains("registered by rita")), "{:?}", shown.lines);
+    approve(&mut second, &ben);
+    assert_eq!(second.record().ledger().version(&id).unwrap().1.state, State::Shadowed, "one of two");
+    assert!(matches!(approve(&mut second, &sam), Reply::Accepted { .. }));
+    assert!(second.snapshot().prompts.is_empty(), "two others are enough");
+}
+
+/// `estimated_risk = "low"` made one approval enough, for whatever was submitted.
+#[test]
+fn an_estimate_lowers_nothing_and_a_script_is_nobody() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let submitted = package("align-shared", &[]);
+    assert!(submitted.submission.contains("estimated_risk = \"low\""), "{}", submitted.submission);
+    asked_by(&mut pipeline, submitted, None);
+    let open = pipeline.snapshot().prompts.remove(0);
+    assert_eq!(open.requester, Requester::Script);
+    let risk = open.risk.unwrap();
+    assert_eq!((risk.class, risk.causes.contains(&RiskCause::MoreAuthority)), (Risk::High, true), "{risk:?}");
+    // Two engineers are two people, and none of them answers for people's safety.
+    let [ben, eve] = ["ben", "eve"].map(|name| person(&mut pipeline, name, Role::Engineer));
+    approve(&mut pipeline, &ben);
+    approve(&mut pipeline, &eve);
+    assert_eq!(pipeline.snapshot().prompts.len(), 1, "a safety officer is still to answer");
+    let sam = person(&mut pipeline, "sam", Role::Safety);
+    approve(&mut pipeline, &sam);
+    assert!(pipeline.snapshot().prompts.is_empty());
+}
+
+#[test]
+fn an_author_is_known_by_their_key_and_excluded_by_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let acme = person(&mut pipeline, "acme", Role::Safety);
+    let mut submitted = submitted("acme");
+    let loaded = holdpoint_runtime::capability::Capability::load("test", submitted.clone()).unwrap();
+    let signature = SignedAuthorship::by(&acme, &loaded.digest(), &submitted.submission).unwrap();
+    let register = |pipeline: &mut Pipeline, package: Package| {
+        pipeline.command(Command::Register { package, name: "test".to_owned(), by: None })
+    };
+    // A signature that is not over these files, or by a key that nobody enrolled, is no free text: it is refused.
+    for (wrong, what) in [
+        (SignedAuthorship { public_key: "00".repeat(32), ..signature.clone() }, "not over these files"),
+        (SignedAuthorship { author: "ben".to_owned(), ..signature.clone() }, "names the author \"acme\""),
+    ] {
+        submitted.author_signature = Some(serde_json::to_string(&wrong).unwrap());
+        assert!(said(&register(&mut pipeline, submitted.clone())).contains(what), "{what}");
+    }
+    submitted.author_signature = Some(serde_json::to_string(&signature).unwrap());
+    asked_by(&mut pipeline, submitted, Some("ana"));
+    let open = pipeline.snapshot().prompts.remove(0);
+    assert_eq!(open.author, "acme (signed)");
+    // An organization's key does not approve what it wrote, in whichever role.
+    assert!(said(&approve(&mut pipeline, &acme)).contains("they wrote the version"));
+}
+
+/// The requester is on record, and told.
+#[test]
+fn a_registration_tells_who_asked_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
+    person(&mut pipeline, "ana", Role::Engineer);
+    asked_by(&mut pipeline, submitted("ana"), Some("ana"));
+    let told = pipeline.live().record.take_events();
+    let requester = told.iter().find_map(|event| match event {
+        EventKind::Registered { requester, author, .. } if author == "ana" => {
+            Some(requester.name().to_owned())
+        }
+        _ => None,
+    });
+    assert_eq!(requester.as_deref(), Some("ana"));
+    // Who registers what they wrote has signed it by that.
+    assert_eq!(pipeline.snapshot().prompts[0].author, "ana (signed)");
+}

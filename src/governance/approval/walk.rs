@@ -1,0 +1,242 @@
+//! Every question with up to four answers walked exhaustively: requester, author, who put the question, approvers under
+//! one name and two, forged, used, stale and expired answers, refusals, the emergency door, and wall time before and after
+//! each end. Held against invariants that the walk states by itself; and for every rule a mutant without it, which the
+//! walk has to catch.
+
+use std::collections::BTreeSet;
+
+use super::*;
+use crate::profile::{Profile, ProfileName};
+
+/// What really is the case with an answer, kept by the walk itself and not by the product.
+#[derive(Clone)]
+struct TrueVote {
+    vote: Vote,
+    /// Which human being gave it, whatever their names.
+    human: &'static str,
+    /// Whether it is genuine, first used here and over this question.
+    genuine: bool,
+}
+
+/// The humans that have a part in the question, and so cannot approve.
+const PARTIES: [&str; 3] = ["rita", "arno", "otto"];
+
+/// Ends of an answer that is good for a short time, of the question, and of every other answer.
+const ENDS: [i64; 3] = [10_000, 20_000, 30_000];
+
+fn at(ms: i64) -> WallTime {
+    WallTime::from_ms(ms)
+}
+
+fn subject(of: &str) -> Subject {
+    let digest = Digest::of_parts("walk", &[of.as_bytes()]);
+    Subject { candidate: digest, row_version: 1, evidence: digest, policy: digest, profile: digest }
+}
+
+fn vote(name: &str, human: &'static str, role: Role) -> TrueVote {
+    let vote = Vote {
+        person: name.to_owned(),
+        key: format!("key of {human}"),
+        role,
+        answer: Answer::Approve,
+        reason: "read".to_owned(),
+        subject: subject("this"),
+        until: at(ENDS[2]),
+        break_glass: false,
+        signature: SignatureCheck::Valid,
+        nonce_used: false,
+    };
+    TrueVote { vote, human, genuine: true }
+}
+
+/// Every answer that is tried.
+fn answers() -> Vec<TrueVote> {
+    let with = |mut given: TrueVote, genuine: bool, change: fn(&mut Vote)| {
+        change(&mut given.vote);
+        given.genuine = genuine;
+        given
+    };
+    let ann = || vote("ann", "ann", Role::Engineer);
+    vec![
+        ann(),
+        vote("anna", "ann", Role::Engineer),
+        vote("bob", "bob", Role::Engineer),
+        vote("sam", "sam", Role::Safety),
+        vote("olga", "olga", Role::Operator),
+        vote("adam", "adam", Role::Admin),
+        // The parties, under their own names and under others.
+        vote("rita", "rita", Role::Safety),
+        vote("margarita", "rita", Role::Safety),
+        vote("arno", "arno", Role::Safety),
+        vote("arnold", "arno", Role::Safety),
+        vote("otto", "otto", Role::Safety),
+        vote("ottokar", "otto", Role::Safety),
+        with(ann(), false, |v| v.signature = SignatureCheck::Invalid),
+        with(ann(), false, |v| v.nonce_used = true),
+        with(ann(), false, |v| v.subject = subject("another")),
+        with(ann(), true, |v| v.until = at(ENDS[0])),
+        with(vote("bob", "bob", Role::Engineer), true, |v| v.answer = Answer::Reject),
+        with(vote("rita", "rita", Role::Safety), true, |v| v.answer = Answer::Reject),
+        with(ann(), true, |v| v.break_glass = true),
+        with(vote("rita", "rita", Role::Safety), true, |v| v.break_glass = true),
+        with(ann(), true, |v| {
+            v.break_glass = true;
+            v.reason = " ".to_owned();
+        }),
+    ]
+}
+
+fn request(risk: Risk, quorum: u8) -> Request {
+    Request {
+        subject: subject("this"),
+        risk,
+        quorum,
+        requester: Requester::Person { name: "rita".to_owned(), key: "key of rita".to_owned() },
+        author: Author {
+            name: "arno".to_owned(),
+            authorship: Authorship::Signed,
+            key: "key of arno".to_owned(),
+        },
+        asked_by: Some(Requester::Person { name: "otto".to_owned(), key: "key of otto".to_owned() }),
+        until: at(ENDS[1]),
+    }
+}
+
+/// Who a result may rest on, as the walk sees it: humans, whatever their names.
+fn counted<'a>(given: &'a [&TrueVote], request: &Request, now: WallTime) -> Vec<&'a TrueVote> {
+    let counts = |one: &&&TrueVote| {
+        let role = match request.risk {
+            Risk::Low => one.vote.role != Role::Admin,
+            Risk::Medium | Risk::High => matches!(one.vote.role, Role::Engineer | Role::Safety),
+        };
+        one.genuine
+            && now < one.vote.until
+            && one.vote.answer == Answer::Approve
+            && !PARTIES.contains(&one.human)
+            && role
+    };
+    given.iter().filter(counts).copied().collect()
+}
+
+/// What is wrong with a result, if anything.
+fn problem(
+    given: &[&TrueVote],
+    request: &Request,
+    now: WallTime,
+    settings: &ApprovalSettings,
+    outcome: &ApprovalOutcome,
+) -> Option<&'static str> {
+    let counted = counted(given, request, now);
+    let humans: BTreeSet<&str> = counted.iter().map(|one| one.human).collect();
+    let officer = request.risk != Risk::High || counted.iter().any(|one| one.vote.role == Role::Safety);
+    let enough = humans.len() >= usize::from(request.quorum) && officer;
+    let opens = |one: &&TrueVote| one.vote.break_glass && !one.vote.reason.trim().is_empty();
+    let emergency = settings.break_glass && counted.iter().any(opens);
+    let refusal = |one: &&&TrueVote| one.genuine && one.vote.answer == Answer::Reject && now < one.vote.until;
+    let refused = given.iter().any(|one| refusal(&one));
+    match outcome {
+        ApprovalOutcome::NotNeeded => Some("nobody is asked where people are needed"),
+        ApprovalOutcome::Granted { .. } if refused => Some("granted over a refusal"),
+        ApprovalOutcome::Granted { break_glass: false, .. } if !enough => {
+            Some("granted without enough independent people of the roles that it takes")
+        }
+        ApprovalOutcome::Granted { break_glass: true, .. } if !emergency => {
+            Some("granted by an emergency door that is shut")
+        }
+        ApprovalOutcome::Granted { until, .. } if *until <= now => Some("granted, and over already"),
+        ApprovalOutcome::Granted { .. } => None,
+        ApprovalOutcome::Refused { .. } if !refused => Some("refused by nobody"),
+        ApprovalOutcome::Refused { .. } => None,
+        ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut if refused => {
+            Some("a refusal that does not count")
+        }
+        ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut if enough => {
+            Some("held although enough people approved")
+        }
+        ApprovalOutcome::Pending { .. } if now >= request.until => Some("waits past its deadline"),
+        ApprovalOutcome::TimedOut if now < request.until => Some("timed out before its deadline"),
+        ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut => None,
+    }
+}
+
+/// Walks every choice of up to `most` answers; the number of worlds, and what was wrong first.
+fn walk(rules: impl ApprovalRules, most: usize) -> (usize, Option<&'static str>) {
+    let all = answers();
+    let settings =
+        [ProfileName::Human, ProfileName::Sim].map(|name| Profile::builtin(name).unwrap().approval);
+    let times: Vec<WallTime> = ENDS.iter().flat_map(|end| [at(end - 1), at(*end)]).collect();
+    let mut chosen: Vec<Vec<usize>> = vec![Vec::new()];
+    let mut worlds = 0;
+    for size in 0..=most {
+        for choice in &chosen {
+            let given: Vec<&TrueVote> = choice.iter().map(|index| &all[*index]).collect();
+            let votes: Vec<Vote> = given.iter().map(|one| one.vote.clone()).collect();
+            for (risk, quorum) in
+                Risk::ALL.into_iter().flat_map(|risk| [1, 2, 3].map(|quorum| (risk, quorum)))
+            {
+                let request = request(risk, quorum);
+                for (now, settings) in
+                    times.iter().flat_map(|now| settings.iter().map(move |one| (*now, one)))
+                {
+                    worlds += 1;
+                    let outcome = evaluate_under(rules, &request, &votes, now, settings).outcome;
+                    if let Some(wrong) = problem(&given, &request, now, settings, &outcome) {
+                        return (worlds, Some(wrong));
+                    }
+                }
+            }
+        }
+        if size < most {
+            let longer = |choice: &Vec<usize>| {
+                let from = choice.last().copied().unwrap_or(0);
+                (from..all.len()).map(|next| [choice.as_slice(), &[next]].concat()).collect::<Vec<_>>()
+            };
+            chosen = chosen.iter().flat_map(longer).collect();
+        }
+    }
+    (worlds, None)
+}
+
+#[test]
+fn nobody_alone_and_nobody_twice() {
+    let full = std::env::var("HOLDPOINT_WALK").is_ok_and(|value| value == "full");
+    let (most, expected) = if full { (4, 1_366_200) } else { (3, 218_592) };
+    assert_eq!(walk(AllRules, most), (expected, None));
+}
+
+/// Every rule but one.
+#[derive(Clone, Copy)]
+struct AllBut(ApprovalRule);
+
+impl ApprovalRules for AllBut {
+    fn demands(self, rule: ApprovalRule) -> bool {
+        self.0 != rule
+    }
+}
+
+#[test]
+fn every_rule_is_needed() {
+    use ApprovalRule::{
+        AskedBy, Author, Deadline, EmergencyAllowed, Expiry, Nonce, OneKey, Quorum, Refusal, Requester, Role,
+        SafetyOfficer, Signature, Subject,
+    };
+    for rule in [
+        Signature,
+        Nonce,
+        Subject,
+        Expiry,
+        Requester,
+        Author,
+        AskedBy,
+        Role,
+        OneKey,
+        SafetyOfficer,
+        Quorum,
+        Refusal,
+        Deadline,
+        EmergencyAllowed,
+    ] {
+        let (_, found) = walk(AllBut(rule), 3);
+        assert!(found.is_some(), "the walk does not notice that {rule:?} is missing");
+    }
+}
