@@ -177,7 +177,10 @@ pub const fn taken_over(cell_is_stopped: bool) -> &'static str {
 /// How many have approved, and what becomes of the question.
 #[must_use]
 pub fn approvals(prompt: &PromptView, cell_is_stopped: bool, now: WallTime) -> (String, String) {
-    let count = format!("{} of {}", prompt.approved_by.len(), prompt.needed);
+    let have = prompt.approved_by.len();
+    let officer = prompt.officer_missing && u32::try_from(have).is_ok_and(|have| have >= prompt.needed);
+    let officer = if officer { ", safety officer missing" } else { "" };
+    let count = format!("{have} of {}{officer}", prompt.needed);
     let next = if prompt.granted {
         taken_over(cell_is_stopped).to_owned()
     } else {

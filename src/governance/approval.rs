@@ -290,6 +290,23 @@ pub fn evaluate(
     evaluate_under(AllRules, request, votes, now, settings)
 }
 
+/// The approvals that count towards a question's quorum, one for each person, in the order of the votes.
+#[must_use]
+pub fn counted<'a>(request: &Request, votes: &'a [Vote], now: WallTime) -> Vec<&'a Vote> {
+    let mut counted: Vec<&Vote> = Vec::new();
+    for vote in votes {
+        let counts = vote.answer == Answer::Approve
+            && void(AllRules, vote, request, now).is_none()
+            && not_independent(AllRules, vote, request).is_none();
+        let same =
+            |other: &&Vote| other.person == vote.person || (!vote.key.is_empty() && other.key == vote.key);
+        if counts && !counted.iter().any(same) {
+            counted.push(vote);
+        }
+    }
+    counted
+}
+
 /// One rule of counting each; the model walk leaves out one after the other and has to notice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ApprovalRule {

@@ -433,8 +433,11 @@ pub struct PromptView {
     /// Whether enough people approved: it takes over when the sequence that runs is over.
     #[serde(default)]
     pub granted: bool,
-    /// Identities that have approved so far.
+    /// Identities whose approvals count so far.
     pub approved_by: Vec<String>,
+    /// Whether it takes a safety officer's approval, and none of them has approved.
+    #[serde(default)]
+    pub officer_missing: bool,
     /// When the unanswered question becomes a hold, also while no engine runs.
     pub until: WallTime,
     /// Until when a decision signed now is good.

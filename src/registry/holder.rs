@@ -1,6 +1,6 @@
 //! Which process holds a lock, as the kernel tells it and not as a file says.
 //!
-//! The locks are those of `flock(2)`; `/proc/locks` names the process of each (proc_locks(5)). A process of another
+//! The locks are those of `flock(2)`; `/proc/locks` names the process of each (`proc_locks(5)`). A process of another
 //! PID namespace is not named there.
 
 use std::fs::{self, File};

@@ -119,6 +119,7 @@ pub fn question(tier: u8) -> PromptView {
         granted: false,
         needed: facts.needed,
         approved_by: if tier == 2 { vec!["grace".to_owned()] } else { Vec::new() },
+        officer_missing: false,
         until: TIME.plus_ms(1_742_000),
         valid_until: TIME.plus_ms(600_000),
         store_id: "store".to_owned(),

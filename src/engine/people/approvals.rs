@@ -10,13 +10,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::{
-    self, Answer, ApprovalOutcome, ApprovalResult, SignatureCheck, Subject, Vote,
+    self, Answer, ApprovalOutcome, ApprovalResult, Role, SignatureCheck, Subject, Vote,
 };
 use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::submission::Provenance;
+use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -418,7 +418,7 @@ pub(super) fn view(
     id: &CapabilityId,
     prompt: &PendingQuestion,
 ) -> PromptView {
-    let approved = prompt.votes.iter().filter(|vote| vote.answer == Answer::Approve);
+    let counted = approval::counted(&prompt.request, &prompt.votes, record.wall_now());
     let quorum = prompt.request.quorum;
     let empty = Dossier::default();
     let dossier = dossiers.of(id).unwrap_or(&empty);
@@ -434,7 +434,9 @@ pub(super) fn view(
         site: context.profile.site.clone(),
         needed: u32::from(quorum),
         granted: false,
-        approved_by: approved.map(|vote| vote.person.clone()).collect(),
+        approved_by: counted.iter().map(|vote| vote.person.clone()).collect(),
+        officer_missing: prompt.request.risk == Risk::High
+            && !counted.iter().any(|vote| vote.role == Role::Safety),
         until: prompt.request.until,
         valid_until: record.wall_now().plus_secs(context.profile.approval.valid_s),
         store_id: record.ledger().store().store_id().to_owned(),

@@ -14,7 +14,8 @@ const WIDTH_MAX: usize = 200;
 #[must_use]
 pub fn live_lines(question: &PromptView, now: &Snapshot) -> Vec<String> {
     let mut lines = vec![format!("{LIVE_HEADING} {}", now.time.spoken())];
-    let PromptView { approved_by, needed, .. } = question;
+    let PromptView { approved_by, needed, officer_missing, .. } = question;
+    let officer = if *officer_missing { ", a safety officer's is missing" } else { "" };
     let by = if approved_by.is_empty() { "nobody yet".to_owned() } else { approved_by.join(", ") };
     let is_emergency = question.purpose == Purpose::Emergency;
     if question.granted {
@@ -25,7 +26,7 @@ pub fn live_lines(question: &PromptView, now: &Snapshot) -> Vec<String> {
         };
         lines.push(format!("Approved by {by}: it takes over {when}"));
     } else if !is_emergency {
-        lines.push(format!("Approvals: {} of {needed} ({by})", approved_by.len()));
+        lines.push(format!("Approvals: {} of {needed} ({by}){officer}", approved_by.len()));
     }
     if !(question.granted || is_emergency) {
         lines.push(format!("Deadline: {}", question.until.as_deadline(now.time)));

@@ -58,6 +58,10 @@ fn who_registered_a_version_does_not_approve_it_after_a_restart_either() {
     let id = asked(&mut first, PolicyOutcome::Review, Vec::new());
     assert_eq!(first.snapshot().prompts[0].requester.name(), "rita");
     assert!(said(&approve(&mut first, &rita)).contains("they registered the version"), "it does not count");
+    assert!(
+        first.snapshot().prompts[0].approved_by.is_empty(),
+        "what does not count is not shown as counted"
+    );
     drop(first);
     let mut second = pipeline(folder.path(), ProfileName::Human);
     let open = second.snapshot().prompts.remove(0);
@@ -85,7 +89,12 @@ fn an_estimate_lowers_nothing_and_a_script_is_nobody() {
     let [ben, eve] = ["ben", "eve"].map(|name| person(&mut pipeline, name, Role::Engineer));
     approve(&mut pipeline, &ben);
     approve(&mut pipeline, &eve);
-    assert_eq!(pipeline.snapshot().prompts.len(), 1, "a safety officer is still to answer");
+    let open = pipeline.snapshot().prompts.remove(0);
+    assert_eq!(
+        (open.approved_by.len(), open.officer_missing),
+        (2, true),
+        "a safety officer is still to answer"
+    );
     let sam = person(&mut pipeline, "sam", Role::Safety);
     approve(&mut pipeline, &sam);
     assert!(pipeline.snapshot().prompts.is_empty());
