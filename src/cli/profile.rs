@@ -151,7 +151,7 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut Output<'_>) -> Re
 
 /// An authorization that was put on record.
 #[derive(Serialize)]
-struct Allowed<'a> {
+struct Authorization<'a> {
     allowed: ProfileName,
     site: Option<SiteName>,
     by: &'a str,
@@ -192,7 +192,7 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut Output<'_>) -> Result
     allow_profile(&store, class, (asks, signed), wall_ms()).map_err(CliError::usage)?;
     let RulesChange { from, loosened, to } = &change;
     let (by, from, to) = (args.by.as_str(), *from, *to);
-    let allowed = Allowed { allowed: class, site: profile.site, by, from, to, loosened };
+    let allowed = Authorization { allowed: class, site: profile.site, by, from, to, loosened };
     out.answer(&allowed, |out| {
         out.line(&format!("the profile {title} is allowed by {by} for the start that is next"))
     })

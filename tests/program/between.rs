@@ -185,13 +185,13 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
     }
     vec![
         ("author, facts alone", nothing, |a, _| {
-            lie(a, false, |facts| facts.author.name = "tuv-certified".to_owned())
+            lie(a, false, |facts| facts.author.name = String::from("tuv-certified"));
         }),
         ("author, facts and lines", nothing, |a, _| {
-            lie(a, true, |facts| facts.author.name = "tuv".to_owned())
+            lie(a, true, |facts| facts.author.name = String::from("tuv"));
         }),
         ("requester", nothing, |a, _| lie(a, true, |facts| facts.requester = Requester::Script)),
-        ("about", nothing, |a, _| lie(a, true, |facts| facts.about = "a drill".to_owned())),
+        ("about", nothing, |a, _| lie(a, true, |facts| facts.about = String::from("a drill"))),
         ("why", nothing, |a, _| lie(a, true, |facts| facts.why.push("better in all".to_owned()))),
         ("untested", nothing, |a, _| lie(a, true, |facts| facts.untested.clear())),
         ("permissions", nothing, |a, _| lie(a, true, |facts| facts.new_permissions.push("none".to_owned()))),
@@ -201,9 +201,9 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
         }),
         ("people needed", nothing, |a, _| lie(a, true, |facts| facts.needed += 1)),
         ("deadline", nothing, |a, _| {
-            lie(a, true, |facts| facts.until = Some(holdpoint_governance::wall_time::WallTime::default()))
+            lie(a, true, |facts| facts.until = Some(holdpoint_governance::wall_time::WallTime::default()));
         }),
-        ("robot", nothing, |a, _| lie(a, true, |facts| facts.robot = "another".to_owned())),
+        ("robot", nothing, |a, _| lie(a, true, |facts| facts.robot = String::from("another"))),
         ("evidence", nothing, |a, _| lie(a, true, |facts| facts.evidence = facts.policy)),
         ("candidate", nothing, |a, _| lie(a, true, |facts| facts.candidate = facts.policy)),
         ("policy", nothing, |a, _| lie(a, true, |facts| facts.policy = facts.candidate)),
@@ -212,14 +212,14 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
         ("version", nothing, |a, _| lie(a, true, |facts| facts.version = "align@1.0.0".parse().unwrap())),
         ("purpose", nothing, |a, _| lie(a, true, |facts| facts.purpose = Purpose::Review)),
         ("who is asked", nothing, |a, _| {
-            lie(a, true, |facts| facts.asked.as_mut().unwrap().name = "ben".to_owned());
+            lie(a, true, |facts| facts.asked.as_mut().unwrap().name = String::from("ben"));
         }),
         ("the role", nothing, |a, _| {
             lie(a, true, |facts| facts.asked.as_mut().unwrap().role = Role::Engineer);
         }),
         ("a line altered", nothing, |a, _| line(a, |lines| lines[2] = json!("All is well"))),
         ("lines removed", nothing, |a, _| {
-            line(a, |lines| lines.retain(|line| !line.to_string().contains("Not")))
+            line(a, |lines| lines.retain(|line| !line.to_string().contains("Not")));
         }),
         ("lines in another order", nothing, |a, _| line(a, |lines| lines.swap(1, 2))),
         ("a blank in a line", nothing, |a, _| {

@@ -110,7 +110,7 @@ impl Served {
     }
 
     /// Lets the cell work, over the engine's own socket, wherever that is by now.
-    fn go(&self, socket: &Path) {
+    fn go(socket: &Path) {
         let until = Instant::now() + PATIENCE;
         loop {
             let stopped = ask(socket, &json!({ "command": "snapshot" }));
@@ -262,7 +262,7 @@ fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
         let stands = served.tells("arm-stands") - begun;
         worst = worst.max(stands);
         assert!(!measured || stands < Duration::from_secs(1), "{nth}: {stands:?}");
-        served.go(&impostor.real);
+        Served::go(&impostor.real);
         served.tells("cell-released");
     }
     println!("impostor: {stops} of {stops} stops confirmed, verb to standing arm at worst {worst:?}");
@@ -341,7 +341,7 @@ fn every_stop_is_confirmed_and_counts_once() {
             "{nth}: {outcome:?}"
         );
         if nth % 10 == 9 {
-            served.go(&socket_path(&served.layout()));
+            Served::go(&socket_path(&served.layout()));
         }
     }
     took.sort_unstable();
@@ -447,7 +447,7 @@ fn whatever_lies_in_the_place_of_the_mark_is_a_stop() {
         plant();
         served.tells("cell-stopped");
         until(&format!("{what} stays"), || fs::symlink_metadata(&mark).is_err());
-        served.go(&socket);
+        Served::go(&socket);
         served.tells("cell-released");
     }
     // What cannot be removed keeps the cell stopped.
@@ -462,7 +462,7 @@ fn whatever_lies_in_the_place_of_the_mark_is_a_stop() {
     );
     assert!(reply["reply"]["text"].as_str().unwrap().contains("stop.asked"), "{reply}");
     fs::remove_dir_all(&mark).unwrap();
-    served.go(&socket);
+    Served::go(&socket);
     served.end();
 }
 

@@ -107,7 +107,7 @@ fn approve(pipeline: &mut Pipeline, open: &PromptView, who: &Identity) {
 }
 
 fn alarm(pipeline: &Pipeline) -> Option<AlarmState> {
-    pipeline.record().alarms().get(&AlarmKey::ClockDoubted).map(|alarm| alarm.state())
+    pipeline.record().alarms().get(&AlarmKey::ClockDoubted).map(holdpoint_governance::alarms::Alarm::state)
 }
 
 /// Nine days later, over a restart, the second approval made the first one count.
