@@ -183,7 +183,35 @@ pub(crate) fn rearm(context: &Context, record: &mut Record, operation: &Operatio
             hint: Some(opens).filter(|_| why == NotAdmitted::Closed),
         });
     }
+    if let Some(refused) = not_to_rearm(context, record, &id)? {
+        return Ok(refused);
+    }
     transition(record, operation, "active again", |version| LifecycleEvent::Rearm { version })
+}
+
+/// Why a version is not made active again beside the gate: the machine's time is in doubt, or people decide here and
+/// nobody is on record as having registered it.
+fn not_to_rearm(context: &Context, record: &Record, id: &CapabilityId) -> Result<Option<Reply>, Fault> {
+    if let Some(doubt) = record.ledger().wall().doubt() {
+        return Ok(Some(Reply::Refused {
+            code: Refusal::NotNow,
+            text: format!("{doubt}; a person has to confirm the time before {id} becomes active again"),
+            hint: Some("`holdpoint confirm-time --as NAME --reason TEXT` confirms it".to_owned()),
+        }));
+    }
+    let (version, _, member) = record.ledger().version(id)?;
+    let is_first = version == VersionRef(0);
+    let unknown = matches!(member.origin.requester, Requester::Unknown | Requester::Script);
+    let people = context.asks_people() && !record.clock().is_scripted();
+    Ok((people && unknown && !is_first).then(|| Reply::Refused {
+        code: Refusal::NotAllowed,
+        text: format!(
+            "no enrolled person is on record as having registered {id}, so under the profile {} it does not become active \
+             without the gate",
+            context.profile.name
+        ),
+        hint: Some("re-arm the family's first version, or register it again, signed, under a new version".to_owned()),
+    }))
 }
 
 /// What is done where nobody would take over.

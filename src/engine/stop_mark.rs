@@ -220,10 +220,9 @@ fn watch(layout: &Layout, switch: &Switch, ended: &Receiver<()>) {
         while answers.front().is_some_and(|(since, _)| since.elapsed() > ANSWER_KEPT) {
             answers.pop_front();
         }
-        let Some(FoundMark { asked, file, clear }) = complete(layout) else { continue };
-        let known = switch.knows(&asked.id);
-        // A stop that came over the socket as well may be on record and let go by now: it is one stop.
-        if !known || (!switch.is_halted() && !clear) {
+        let Some(FoundMark { asked, file, .. }) = complete(layout) else { continue };
+        // A stop that came over the socket as well is one stop. One whose mark was put back after it was let go is another.
+        if !switch.knows(&asked.id) || (!switch.is_halted() && is_there(layout)) {
             switch.halt(asked);
         }
         let is_new = |file: &File| !answers.iter().any(|(_, kept)| is_same(kept, file));

@@ -449,7 +449,9 @@ impl GateFindings {
             let text = format!("no active version meets what it depends on: {}", input.unmet.join(", "));
             self.hold.push(reason(ReasonCode::GateDependencyUnmet, text));
         }
-        if *input.requester == Requester::Unknown && profile.name == ProfileName::Human {
+        let asked = people_needed(input.kappas, (input.risk, input.provenance), table, profile) > 0;
+        let strict = profile.name == ProfileName::Human || (profile.name == ProfileName::Real && asked);
+        if *input.requester == Requester::Unknown && strict {
             let text = "no enrolled person is on record as having registered it, so nobody can be told to be independent \
                         of it; register it again, signed, under a new version";
             self.hold.push(reason(ReasonCode::GateRequesterUnknown, text));

@@ -1,7 +1,7 @@
 //! How somebody outside stops the arm: from any thread, in the tick in which the body reads it.
 //!
 //! Three kinds of stop. [`Switch::stop`] ends the sequence that runs, for an operation that follows at once.
-//! [`Switch::brake`] lets nothing work while a request waits that takes authority from a version at work.
+//! `Switch::brake` lets nothing work while a request waits that takes authority from a version at work.
 //! [`Switch::halt`] is a person's stop of the cell: it latches, the body itself brakes and takes no command while it
 //! lasts, and only `Switch::release` ends it. Decides nothing, and waits for nobody.
 

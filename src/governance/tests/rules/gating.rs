@@ -248,7 +248,7 @@ fn what_closes_the_gate() {
     let refused =
         ApprovalResult { outcome: ApprovalOutcome::Refused { person: "ann".into() }, reasons: Vec::new() };
     let timed_out = ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons: Vec::new() };
-    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 25] = [
+    let table: [(&str, ProfileName, Change, GateOutcome, ReasonCode); 26] = [
         ("nothing", ProfileName::Sim, |_| (), Pass, GatePassed),
         (
             "I fails",
@@ -325,6 +325,16 @@ fn what_closes_the_gate() {
             "nobody on record as having registered it, people nearby",
             ProfileName::Human,
             |c| c.requester = Requester::Unknown,
+            Hold,
+            GateRequesterUnknown,
+        ),
+        (
+            "nobody on record as having registered it, and a review on a real cell",
+            ProfileName::Real,
+            |c| {
+                c.requester = Requester::Unknown;
+                c.profile.approval.quorum_medium = 1;
+            },
             Hold,
             GateRequesterUnknown,
         ),
