@@ -255,3 +255,39 @@ fn is_same(one: &File, other: &File) -> bool {
     let name = |file: &File| file.metadata().ok().map(|found| (found.dev(), found.ino()));
     name(one).is_some() && name(one) == name(other)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wait_for(what: &str, is_so: impl Fn() -> bool) {
+        let until = Instant::now() + Duration::from_mins(1);
+        while !is_so() {
+            assert!(Instant::now() < until, "{what}");
+            std::thread::yield_now();
+        }
+    }
+
+    /// A mark that was linked back after `go` passed for a stop that the engine had taken, and the arm worked on.
+    #[test]
+    fn a_mark_that_is_put_back_after_the_cell_was_let_go_stops_it_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
+        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        let own = OwnMark::put(&layout, "a", "ana", "a hand is in the cell").unwrap();
+        wait_for("the mark stops the cell", || switch.is_halted());
+        let kept = folder.path().join("kept");
+        fs::hard_link(layout.stop_asked(), &kept).unwrap();
+        settle(&layout, "a");
+        assert!(!is_there(&layout), "it is on record");
+        assert!(switch.first_asked().is_some_and(|asked| asked.id == "a"));
+        wait_for("it is let go", || {
+            switch.took_asked();
+            switch.release()
+        });
+        fs::hard_link(&kept, layout.stop_asked()).unwrap();
+        wait_for("the same mark stops it again", || switch.is_halted());
+        assert!(switch.first_asked().is_some(), "and is asked for");
+        drop((watch, own));
+    }
+}
