@@ -11,8 +11,8 @@ pub mod bench;
 pub mod candidate;
 pub mod chosen;
 pub mod completions;
-#[cfg(feature = "console")]
 mod confirm_time;
+#[cfg(feature = "console")]
 mod console;
 mod context;
 pub mod data;
