@@ -314,13 +314,16 @@ fn flipped_bits_are_found_or_harmless() {
     let database = folder.path().join("holdpoint.db");
     let good = fs::read(&database).unwrap();
     let before = contents(&database).unwrap();
+    // Most of so small a file is free space, where a flip changes nothing.
+    let used: Vec<usize> = (0..good.len()).filter(|byte| good[*byte] != 0).collect();
     let mut found = 0;
     let mut seed = 0x9E37_79B9_7F4A_7C15_u64;
     for flip in 0..FLIPS {
         seed ^= seed << 13;
         seed ^= seed >> 7;
         seed ^= seed << 17;
-        let bit = usize::try_from(seed % (good.len() as u64 * 8)).unwrap();
+        let bit = usize::try_from(seed % (used.len() as u64 * 8)).unwrap();
+        let bit = used[bit / 8] * 8 + bit % 8;
         let mut bad = good.clone();
         bad[bit / 8] ^= 1 << (bit % 8);
         fs::write(&database, &bad).unwrap();
@@ -334,8 +337,7 @@ fn flipped_bits_are_found_or_harmless() {
             Ok(_) => assert_eq!(contents(&database).as_ref(), Ok(&before), "flip {flip} of bit {bit}"),
         }
     }
-    // Most of so small a file is free space, where a flip changes nothing.
-    assert!(found > FLIPS / 20, "only {found} of {FLIPS} flips were found");
+    assert!(found > FLIPS / 4, "only {found} of {FLIPS} flips were found");
 }
 
 /// Whoever can write the file can put a number there that nothing comes after.
