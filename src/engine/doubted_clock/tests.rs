@@ -256,6 +256,25 @@ fn a_clock_behind_the_newest_record_is_not_believed() {
     assert_eq!(state(&second, &id), State::Active);
 }
 
+/// It was a way around the gate, which holds every version meanwhile.
+#[test]
+fn no_version_is_re_armed_while_the_clock_is_in_doubt() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+    let mut pipeline = engine(folder.path(), &sim, &machine);
+    let version: CapabilityId = "align@1.0.0".parse().unwrap();
+    let operation = Operation { version: version.clone(), by: "ana".to_owned(), reason: "a test".to_owned() };
+    accepted(&pipeline.command(Command::Vacate(operation.clone())));
+    machine.set(MINUTE_MS);
+    let Reply::Refused { text, .. } = pipeline.command(Command::Rearm(operation.clone())) else {
+        panic!("it is active again")
+    };
+    assert!(text.contains("a person has to confirm the time"), "{text}");
+    accepted(&confirm(&mut pipeline, machine.said()));
+    accepted(&pipeline.command(Command::Rearm(operation)));
+    assert_eq!(state(&pipeline, &version), State::Active);
+}
+
 /// The time since the machine's start goes on while it is suspended.
 #[test]
 fn a_suspended_machine_is_believed() {

@@ -19,7 +19,8 @@ use crate::tests::asked;
 use holdpoint_approvals::keyfile::Keep;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_protocol::command::Command;
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Operation};
 
 fn person(pipeline: &mut Pipeline, name: &str, role: Role) -> Identity {
     enrolled(pipeline.live().record, name, role, Keep::Plain)
@@ -144,4 +145,25 @@ fn a_registration_tells_who_asked_for_it() {
     assert_eq!(requester.as_deref(), Some("ana"));
     // Who registers what they wrote has signed it by that.
     assert_eq!(pipeline.snapshot().prompts[0].author, "ana (signed)");
+}
+
+/// What was registered unsigned came into control near people by `rearm`, with nobody's approval.
+#[test]
+fn a_version_without_a_known_requester_is_not_re_armed_where_people_decide() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let now_ms = pipeline.record().now_ms();
+    pipeline.live().record.set_clock(Clock::real(now_ms));
+    let package = submitted("skill-lab");
+    pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
+    let mut rearm = |version: &str| {
+        let (by, reason) = ("ana".to_owned(), "a test".to_owned());
+        let reply =
+            pipeline.command(Command::Rearm(Operation { version: version.parse().unwrap(), by, reason }));
+        said(&reply).to_owned()
+    };
+    let unknown = "no enrolled person is on record as having registered";
+    assert!(rearm("align@1.1.0").contains(unknown));
+    // The version that the cell was commissioned with comes from the program.
+    assert!(!rearm("align@1.0.0").contains(unknown));
 }
