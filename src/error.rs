@@ -252,7 +252,9 @@ pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
 pub(crate) fn start_error(error: StartError) -> CliError {
     match &error {
         StartError::Fault(_) => CliError::internal(error.sentence()),
-        StartError::Store(StoreError::UnauthorizedProfile { .. }) => CliError::held(error),
+        StartError::Store(StoreError::UnauthorizedProfile { .. } | StoreError::ScriptAfterLive) => {
+            CliError::held(error)
+        }
         StartError::Store(_)
         | StartError::Ledger(_)
         | StartError::Profile(_)

@@ -17,7 +17,7 @@ pub use onward::{BreakGlassArgs, DemoteArgs, ReleaseArgs, RepeatArgs};
 use super::confirm_time::{self, ConfirmTimeArgs};
 use super::data;
 use super::passphrase;
-use super::side::{Side, running, told};
+use super::side::{Side, known_engine, running, told};
 use super::stop::{self, GoArgs, GoalArgs, NoteArgs, StopArgs};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
@@ -29,7 +29,7 @@ use holdpoint_governance::ids::{CapabilityId, Family, is_name};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::question::live_lines;
-use holdpoint_protocol::snapshot::{PromptView, Snapshot};
+use holdpoint_protocol::snapshot::{PromptView, Purpose, Snapshot};
 use holdpoint_registry::Views;
 use holdpoint_text::{Untrusted, is_visible};
 
@@ -255,6 +255,12 @@ fn approve(
         let text = format!("held: nothing waits for a decision on {}", args.version);
         return Err(CliError::held(text).with_hint(format!("see `holdpoint status {}`", args.version)));
     };
+    if prompt.purpose == Purpose::Emergency {
+        let text = format!("held: one person would let {} in by the emergency door", args.version);
+        return Err(
+            CliError::held(text).with_hint("`holdpoint break-glass` is for that, and nothing else is")
+        );
+    }
     let (question, bound) = side.question(prompt, &who.info().name)?;
     check_digest(args.digest.as_deref(), &bound)?;
     shown::told(&question.lines, &live_lines(prompt, &snapshot), out)?;
@@ -407,8 +413,9 @@ fn pause(
     Ok(Exit::Confirmed)
 }
 
-/// Somebody of the store, whose key opens.
+/// Somebody of the store, whose key opens, for something that is asked of the engine.
 pub(super) fn identity(context: &CliContext, signature: &SigningArgs) -> Result<Identity, CliError> {
+    known_engine(context)?;
     let kept = passphrase::kept(context, &signature.identity)?;
     passphrase::unlock(kept, signature.passphrase_file.as_deref())
 }

@@ -54,6 +54,18 @@ pub(super) fn warn(doubt: Doubt, json: bool) {
     drop(writeln!(io::stderr().lock(), "{line}"));
 }
 
+/// Nothing is signed for whoever answers, unless that is known to be the engine: whoever signs is shown what they sign over.
+pub(super) fn known_engine(context: &CliContext) -> Result<(), CliError> {
+    let client = Client::connect(&Layout::new(&context.data)).map_err(door_error)?;
+    client.as_ref().and_then(Client::doubt).map_or(Ok(()), |doubt| Err(nothing_signed(doubt)))
+}
+
+fn nothing_signed(doubt: Doubt) -> CliError {
+    CliError::not_confirmed(format!("{doubt}; nothing was signed, and nothing was asked for")).with_hint(
+        "ask again in a moment: the engine takes its name back; `holdpoint stop` works whoever answers",
+    )
+}
+
 /// What somebody answered who is not known to be the engine is no success.
 pub(super) fn not_confirmed(doubt: Doubt, reply: &Reply) -> CliError {
     CliError::not_confirmed(doubt.of(reply))
@@ -90,6 +102,14 @@ impl Side {
         };
         let engine = Engine::start(config).map_err(start_error)?;
         Ok(Self::Own(Box::new(Pump::new(engine, Vec::new()))))
+    }
+
+    /// Why what is answered is not known to come from the engine, if so.
+    fn doubt(&self) -> Option<Doubt> {
+        match self {
+            Self::Running(client) => client.doubt(),
+            Self::Own(_) => None,
+        }
     }
 
     /// Whether the engine is one of this verb's own.
@@ -179,11 +199,7 @@ impl Side {
 
     /// Prints a reply; one that is not known to come from the engine is no success, whatever it says.
     fn told(&self, reply: &Reply, out: &mut Output<'_>) -> Result<Exit, CliError> {
-        let doubt = match self {
-            Self::Running(client) => client.doubt(),
-            Self::Own(_) => None,
-        };
-        let Some(doubt) = doubt else { return told(reply, out) };
+        let Some(doubt) = self.doubt() else { return told(reply, out) };
         if out.is_json() {
             out.json(&DoubtedReply { reply, unverified: Doubt::CODE })?;
         }
@@ -201,6 +217,9 @@ impl Side {
         command: Command,
         out: &mut Output<'_>,
     ) -> Result<Exit, CliError> {
+        if let Some(doubt) = self.doubt().filter(|_| !command.takes_authority_away()) {
+            return Err(nothing_signed(doubt));
+        }
         let seal = match self.snapshot()?.signing {
             Some(signing) if signing.required || is_enrolled(context, who)? => {
                 Some(Box::new(signing.sign(who, &command).map_err(CliError::internal)?))

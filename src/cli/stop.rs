@@ -12,6 +12,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::door::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply, StopKept};
 use holdpoint_registry::Layout;
 use holdpoint_text::Untrusted;
@@ -102,8 +103,19 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
     let layout = Layout::new(&context.data);
     let mut outcome = call.ask(&layout);
     if matches!(outcome, StopOutcome::NoEngine) {
+        if !layout.database().exists() {
+            call.withdraw(&layout);
+            return Err(no_engine(context, "there is no store either"));
+        }
         match Side::own(context) {
-            Ok(mut side) => outcome = StopOutcome::Answered(side.ask_request(call.request())?),
+            Ok(mut side) => {
+                let kept = match side.ask_request(call.request())? {
+                    Reply::Stopped { kept: StopKept::InMemory, .. } => "and the stop could not be kept",
+                    Reply::Stopped { .. } => "the next engine there comes up stopped",
+                    reply => return told(&reply, out),
+                };
+                return Err(no_engine(context, kept));
+            }
             // One may have come up meanwhile; it takes the mark.
             Err(error) => match call.ask(&layout) {
                 StopOutcome::NoEngine => return Err(error),
@@ -123,6 +135,14 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
     }
 }
 
+/// Whoever names another folder than that of the cell's engine, or whose engine is gone, has stopped no arm.
+fn no_engine(context: &CliContext, and: &str) -> CliError {
+    let text = format!("no engine is at work on {:?}, so this stopped no arm; {and}", context.data);
+    CliError::not_confirmed(text).with_hint(
+        "press the emergency stop of the cell; if its engine works on another folder, name that: `holdpoint stop --data DIR`",
+    )
+}
+
 /// Lets the stopped cell work again.
 pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> Result<Exit, CliError> {
     let signature = &args.signature;
@@ -131,11 +151,19 @@ pub(super) fn go(context: &CliContext, args: &GoArgs, out: &mut Output<'_>) -> R
     let by = signature.identity.clone();
     let reason = signature.reason.raw().to_owned();
     let mut side = Side::open(context)?;
-    let stopped = side.snapshot()?.stopped;
-    let is_own = stopped.as_ref().is_some_and(|stopped| stopped.stops == 1 && stopped.by == by);
+    let snapshot = side.snapshot()?;
+    let stopped = snapshot.stopped;
+    // Whoever stopped a cell says any name: near people the stops that are known are counted by whoever lets it go.
+    let is_own = stopped.as_ref().is_some_and(|stopped| stopped.stops == 1 && stopped.by == by)
+        && snapshot.profile == ProfileName::Sim;
     let stops = args.stops.unwrap_or(u64::from(is_own));
-    if let Some(stopped) = stopped.as_ref().filter(|stopped| stopped.stops != stops && !out.is_json()) {
-        out.line(&stopped_line(stopped))?;
+    if !out.is_json() {
+        if let Some(stopped) = &stopped {
+            out.line(&stopped_line(stopped))?;
+        }
+        for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
+            out.line(&format!("{} is approved and takes control once the cell works", prompt.version))?;
+        }
     }
     // What comes after this look is not known, and the engine refuses.
     let since_ms = stopped.map_or(0, |stopped| stopped.since_ms);

@@ -5,7 +5,7 @@
 
 use super::line::EditLine;
 use super::operator::Operator;
-use super::prompt::GUARD_MS;
+use super::prompt::{GUARD_MS, OnScreen};
 use super::secret::Signing;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -185,6 +185,16 @@ impl Intent {
         !matches!(self, Self::Abort(_) | Self::Identity(_) | Self::Quit)
     }
 
+    /// Whether it is asked for also of somebody who is not known to be the engine: it takes authority away, or gives none.
+    #[must_use]
+    pub fn needs_no_known_engine(&self) -> bool {
+        match self {
+            Self::Several(each) => each.iter().all(Self::needs_no_known_engine),
+            Self::Reject(_) | Self::Demote(_) | Self::Note | Self::Identity(_) => true,
+            _ => self.stops(),
+        }
+    }
+
     /// Whether it stops or tightens what acts, or leaves: what is asked for also where no engine is at work here.
     #[must_use]
     pub fn stops(&self) -> bool {
@@ -240,6 +250,20 @@ pub struct Form {
     pub opened_ms: u64,
     /// Why it cannot be asked for any more: nothing is asked, and what is typed goes nowhere.
     pub void: Option<Void>,
+    /// Rows of what it does that are scrolled past; the screen stops at the last.
+    pub scroll: u16,
+    /// How much of what it does the frames had on the screen.
+    reading: FormReading,
+}
+
+/// Rows of what a form does, as the frames had them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct FormReading {
+    /// From the first on, so many were there.
+    read: usize,
+    room: usize,
+    /// All of them; 0 before the first frame.
+    count: usize,
 }
 
 /// What was cut off while somebody may have been typing into it.
@@ -326,7 +350,36 @@ impl Form {
             signing: None,
             opened_ms: 0,
             void: None,
+            scroll: 0,
+            reading: FormReading::default(),
         }
+    }
+
+    /// Notes what a frame had on the screen of what it does. A row counts as read where none above it was passed over.
+    pub fn saw(&mut self, seen: &OnScreen) {
+        let OnScreen { first, room, count, .. } = *seen;
+        if count != self.reading.count {
+            self.reading.read = 0;
+        }
+        let to = first.saturating_add(room).min(count);
+        let read = if first <= self.reading.read { self.reading.read.max(to) } else { self.reading.read };
+        self.reading = FormReading { read, room, count };
+        self.scroll = u16::try_from(first).unwrap_or(u16::MAX);
+    }
+
+    /// How many rows of what it does were not on the screen yet.
+    #[must_use]
+    pub const fn unread(&self) -> usize {
+        self.reading.count.saturating_sub(self.reading.read)
+    }
+
+    /// Scrolls what it does by as much as can be seen.
+    pub fn scroll_by(&mut self, down: bool) {
+        let FormReading { room, count, .. } = self.reading;
+        let [step, most] = [room.saturating_sub(1).max(1), count.saturating_sub(room)]
+            .map(|rows| u16::try_from(rows).unwrap_or(u16::MAX));
+        self.scroll =
+            if down { self.scroll.saturating_add(step).min(most) } else { self.scroll.saturating_sub(step) };
     }
 
     /// Opened at this console time.
@@ -388,6 +441,7 @@ impl Form {
             return;
         }
         self.consequences = consequences;
+        (self.scroll, self.reading) = (0, FormReading::default());
         // What is being typed stays a passphrase, of no more use: it must not become keys.
         if let Some(signing) = &mut self.signing {
             signing.go_stale("what is asked for has just changed: Esc leads back, read it again");
@@ -421,6 +475,9 @@ impl Form {
     /// # Errors
     /// What is missing or not allowed, with a hint.
     pub fn confirm(&self, who: Option<&Operator>) -> Result<Vec<Confirmed>, String> {
+        if self.unread() > 0 && !self.intent.stops() {
+            return Err("read what is said above to its end first (pagedown)".to_owned());
+        }
         let by = match (who, &self.intent) {
             (Some(who), _) => who.name.clone(),
             // Stopping needs no name: nobody must look for an identity first.

@@ -79,19 +79,40 @@ fn paint(model: &Model, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// The rows of an open decision that [`draw`] puts on the screen; absent if none is open, or there is no room for it.
+/// The rows of an open decision or form that [`draw`] puts on the screen; absent if none is open. Where there is no room for
+/// it, none of them is there.
 #[must_use]
 pub fn decision_on_screen(model: &Model, look: &Look, area: Rect) -> Option<OnScreen> {
-    let Some(Overlay::Prompt(prompt)) = &model.entry.overlay else { return None };
+    let open = model.entry.overlay.as_ref()?;
+    if !matches!(open, Overlay::Prompt(_) | Overlay::Form(_)) {
+        return None;
+    }
     let fit = Fit::of(area.width, area.height);
     let hints = views::hints::height(model, area);
-    let body = Rect { y: area.y + 1, height: area.height.checked_sub(2 + hints)?, ..area };
-    if fit == Fit::Tiny && body.height < views::tiny::OVERLAY_HEIGHT_MIN {
-        return None;
+    let height = area.height.saturating_sub(2 + hints);
+    let body = Rect { y: area.y + 1, height, ..area };
+    if height == 0 || (fit == Fit::Tiny && height < views::tiny::OVERLAY_HEIGHT_MIN) {
+        return matches!(open, Overlay::Form(_)).then_some(OnScreen { count: 1, ..OnScreen::default() });
     }
     let mut nowhere = Buffer::empty(Rect::default());
     let pen = Pen::new(look, &mut nowhere, fit);
-    Some(views::prompt::on_screen(model, prompt, &pen, body))
+    match open {
+        Overlay::Prompt(prompt) => Some(views::prompt::on_screen(model, prompt, &pen, body)),
+        Overlay::Form(form) => {
+            let area = if fit == Fit::Tiny { body } else { view_area(model, body) };
+            Some(views::form::on_screen(model, form, &pen, area))
+        }
+        Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) => None,
+    }
+}
+
+/// Where the view is that a form lies over, as [`under`] tells.
+fn view_area(model: &Model, area: Rect) -> Rect {
+    if model.bare_absence().is_some() {
+        return area;
+    }
+    let body = below(area, 1);
+    if views::tour::sentence(model).is_some() { below(body, 1) } else { body }
 }
 
 /// The view itself with the lines above it; tells where the view is.
@@ -101,15 +122,14 @@ fn under(model: &Model, pen: &mut Pen<'_>, area: Rect) -> Rect {
         return area;
     }
     views::tabs::views(model, pen, above(area, 1));
-    let mut body = below(area, 1);
+    let body = view_area(model, area);
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
         // One line: the key that dismisses it stays where the sentence has to be cut.
         let tail = format!(" ({key} ends the tour)");
-        let room = usize::from(body.width).saturating_sub(tail.len());
+        let room = usize::from(area.width).saturating_sub(tail.len());
         let row = Row::of(ThemeRole::Notice, &views::short(sentence, room)).with(ThemeRole::Muted, &tail);
-        pen.row(body, 0, &row);
-        body = below(body, 1);
+        pen.row(below(area, 1), 0, &row);
     }
     match model.place.view {
         View::Overview => views::overview::draw(model, pen, body),

@@ -114,6 +114,19 @@ impl Keymap {
                 action.word()
             ));
         }
+        let mut of_stop = Action::Stop.default_keys().iter().filter_map(|text| parse_key(text).ok());
+        let stops = of_stop.any(|known| known == key) || self.general.get(&key) == Some(&Action::Stop);
+        if stops && action != Action::Stop {
+            return Err(format!(
+                "the key {text:?} stops the cell, in whatever is open, and is given to nothing else"
+            ));
+        }
+        if let Some(other) = self.prompt.get(&key).filter(|_| action == Action::Stop) {
+            return Err(format!(
+                "the key {text:?} means {:?} in a question and would not stop the cell there",
+                other.word()
+            ));
+        }
         let taken = self.map_mut(action).insert(key, action);
         match taken.filter(|other| *other != action) {
             None => Ok(()),
@@ -282,6 +295,10 @@ mod tests {
             ("[keys]\napprove = [\"space\"]", 2, "never decide"),
             ("[keys]\nreject = [\"j\"]", 2, "never decide"),
             ("[keys]\napprove = [\"tab\"]", 2, "never decide"),
+            ("[keys]\napprove = [\"X\"]", 2, "stops the cell"),
+            ("unbind = [\"X\"]\n[keys]\napprove = [\"X\"]", 3, "stops the cell"),
+            ("unbind = [\"f9\"]\n[keys]\nhelp = [\"f9\"]", 3, "stops the cell"),
+            ("[keys]\nstop = [\"Y\"]", 2, "would not stop the cell there"),
             ("[keys]\nhelp = [\"q\"]", 2, "means \"quit\" already"),
             ("[keys]\n\nfly = [\"F9\"]", 3, "no action \"fly\""),
             ("[keys]\nquit = [\"hyper-9-x\"]", 2, "is no key"),

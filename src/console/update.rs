@@ -138,8 +138,10 @@ fn take_in(model: &mut Model, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::DecisionShown(seen) => {
-            if let Some(Overlay::Prompt(prompt)) = &mut model.entry.overlay {
-                prompt.saw(&seen);
+            match &mut model.entry.overlay {
+                Some(Overlay::Prompt(prompt)) => prompt.saw(&seen),
+                Some(Overlay::Form(form)) => form.saw(&seen),
+                Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => {}
             }
             Vec::new()
         }

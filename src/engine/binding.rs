@@ -11,7 +11,8 @@ use holdpoint_governance::condition::{Condition, people_needed};
 use holdpoint_governance::decision::MadeUnder;
 use holdpoint_governance::evidence::{Binding, StaleCause};
 use holdpoint_governance::ids::{Digest, Family};
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{State, VersionRef};
+use holdpoint_governance::loosened::LetIn;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
@@ -90,9 +91,16 @@ pub fn not_admitted(context: &Context, ledger: &Ledger, capability: &Capability)
         return Some(NotAdmitted::Undeclared);
     }
     let id = capability.id();
-    let (version, standing, _) = ledger.version(&id).ok()?;
+    let (version, standing, member) = ledger.version(&id).ok()?;
     let unreviewed = ledger.family(&id.family).is_ok_and(|entry| entry.state.is_unreviewed(version));
-    (standing.closed.contains(&profile) && !unreviewed).then_some(NotAdmitted::Closed)
+    if standing.closed.contains(&profile) && !unreviewed {
+        return Some(NotAdmitted::Closed);
+    }
+    let let_in = member.course.let_in.unwrap_or(LetIn::LEAST);
+    // What never had control was let in by nobody.
+    let had_control = standing.acted || matches!(standing.state, State::Active | State::Superseded);
+    (had_control && version != VersionRef(0) && !let_in.suffices(ledger.lets_in()))
+        .then_some(NotAdmitted::LetInByLess(let_in))
 }
 
 /// Why a version is not given the arm under a profile.
@@ -102,6 +110,8 @@ pub enum NotAdmitted {
     Undeclared,
     /// A demotion has closed the profile to it.
     Closed,
+    /// The gate let it in where less was asked for.
+    LetInByLess(LetIn),
 }
 
 impl NotAdmitted {
@@ -111,6 +121,12 @@ impl NotAdmitted {
         match self {
             Self::Undeclared => format!("does not admit the profile {profile}"),
             Self::Closed => format!("has the profile {profile} closed to it"),
+            Self::LetInByLess(LetIn { scripted: true, .. }) => {
+                format!("was let in by a script, and the profile {profile} asks for people's own word")
+            }
+            Self::LetInByLess(LetIn { class, .. }) => {
+                format!("was let in under the profile {class}, and {profile} asks for more")
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The engine's door for other processes: a unix socket in the store's folder, JSON lines both ways.
 //!
 //! The engine is synchronous and belongs to one thread; the socket is served by another. Requests reach the
-//! engine through two bounded queues and are carried out between two slices ([`Door::poll`]), what takes authority away
+//! engine through three bounded queues and are carried out between two slices ([`Door::poll`]), what takes authority away
 //! before anything else; what it tells goes to
 //! every subscriber through a bounded ring ([`Door::publish`]), of which a slow one loses the oldest and is told
 //! how many. Who may connect is the process's own user, and members of a group at a second socket ([`Door::serve_seats`]).
@@ -175,6 +175,8 @@ pub struct Door {
     incoming: Receiver<Incoming>,
     /// What takes authority away: taken before anything else.
     braking: Receiver<Incoming>,
+    /// What every verb asks first, and costs little.
+    looking: Receiver<Incoming>,
     waiting: Option<Incoming>,
     later: Vec<(String, oneshot::Sender<Reply>)>,
     /// What waits for the engine to come up.
@@ -222,6 +224,7 @@ impl Door {
             .map_err(DoorError::io("watch", layout.folder()))?;
         let (sender, incoming) = sync_channel(REQUESTS_MAX);
         let (brakes, braking) = sync_channel(REQUESTS_MAX);
+        let (looks, looking) = sync_channel(REQUESTS_MAX);
         let (events, _) = broadcast::channel(EVENTS_KEPT);
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
@@ -232,6 +235,7 @@ impl Door {
         let serve = server::DoorServer {
             requests: sender,
             braking: brakes,
+            looking: looks,
             events: events.clone(),
             endings: Arc::clone(&endings),
             cancel,
@@ -251,6 +255,7 @@ impl Door {
         Ok(Self {
             incoming,
             braking,
+            looking,
             waiting: None,
             later: Vec::new(),
             early: Vec::new(),
@@ -360,8 +365,10 @@ impl Door {
         self.braking.try_recv().ok()
     }
 
+    /// Looks first: whoever reads evidence without pause keeps no verb from beginning.
     fn next_other(&mut self) -> Option<Incoming> {
-        self.waiting.take().or_else(|| self.incoming.try_recv().ok())
+        let look = self.looking.try_recv().ok();
+        look.or_else(|| self.waiting.take()).or_else(|| self.incoming.try_recv().ok())
     }
 
     fn hand_over(
@@ -468,7 +475,8 @@ impl Drop for Door {
         // Requests that wait are answered by their connections: the engine ends.
         self.waiting = None;
         self.early.clear();
-        while self.incoming.try_recv().is_ok() || self.braking.try_recv().is_ok() {}
+        let queues = [&self.incoming, &self.braking, &self.looking];
+        while queues.iter().any(|queue| queue.try_recv().is_ok()) {}
         if let Some(thread) = self.thread.take() {
             drop(thread.join());
         }

@@ -4,6 +4,8 @@
 //! When it is not to be believed is the rules' ([`holdpoint_governance::wall_time`]). Functions over the record.
 
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{FamilyState, State, Version};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::{ClockDoubt, WallTime};
 use holdpoint_protocol::command::{Caller, Refusal, Reply};
@@ -13,7 +15,9 @@ use holdpoint_text::is_visible;
 use serde::{Deserialize, Serialize};
 
 use crate::operations::REASON_BYTES_MAX;
+use crate::origin;
 use crate::record::Record;
+use crate::wall_clock::KeptReading;
 
 /// How far the time that a person confirms may be from what the machine's clock says when the engine takes the command, ms:
 /// long enough to read the time, enter a reason and sign.
@@ -27,15 +31,43 @@ struct DoubtOnRecord {
     said: Option<WallTime>,
 }
 
-/// A clock that an earlier engine did not believe is not believed, unless a person has confirmed the time since.
+/// Of a record that keeps what was believed.
+#[derive(Deserialize)]
+struct ReadingOnRecord {
+    #[serde(default)]
+    clock: Option<KeptReading>,
+}
+
+/// A clock that an earlier engine did not believe is not believed, unless a person has confirmed the time since. One that was
+/// set while no engine ran has gone another way than the time since the machine's start, as long as that was not started anew.
 ///
 /// # Errors
 /// If the store cannot be read.
 pub(crate) fn recall(record: &mut Record) -> Result<(), StoreError> {
-    if let Some(doubt) = doubt_on_record(&record.ledger().store().views()?)? {
+    let views = record.ledger().store().views()?;
+    let (doubt, kept) = (doubt_on_record(&views)?, newest_reading(&views)?);
+    drop(views);
+    if let Some(kept) = kept {
+        record.wall_mut().hold_against(&kept);
+    }
+    if let Some(doubt) = doubt {
         record.wall_mut().keep_doubt(doubt);
     }
     Ok(())
+}
+
+/// What was believed last.
+fn newest_reading(views: &Views) -> Result<Option<KeptReading>, StoreError> {
+    let mut newest: (u64, Option<KeptReading>) = (0, None);
+    for kind in [RecordKind::EngineBegan, RecordKind::EngineEnded, RecordKind::ClockConfirmed] {
+        let filter = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
+        let Some(found) = views.audit(&filter)?.into_iter().next() else { continue };
+        let read = serde_json::from_str::<ReadingOnRecord>(&found.body).ok().and_then(|read| read.clock);
+        if read.is_some() && found.seq > newest.0 {
+            newest = (found.seq, read);
+        }
+    }
+    Ok(newest.1)
 }
 
 /// The last doubt on record that nobody has confirmed the time after.
@@ -109,15 +141,47 @@ pub(crate) fn confirm(
         let text = format!("the machine's clock says {said}, and {time} is confirmed: read the time again");
         return refuse(Refusal::Stale, text);
     }
+    if let Some(version) = own_that_waits(record, &by)? {
+        let text = format!(
+            "{by} registered or wrote {version}, which is not decided: its deadlines run by this clock, so somebody else confirms \
+             the time"
+        );
+        return refuse(Refusal::NotAllowed, text);
+    }
     record.wall_mut().believe();
-    let body =
-        serde_json::json!({ "by": by, "caller": caller, "reason": reason, "time": said, "doubt": doubt });
+    let clock = record.ledger().wall().reading();
+    let body = serde_json::json!({
+        "by": by, "caller": caller, "clock": clock, "reason": reason, "time": said, "doubt": doubt
+    });
     if let Err(error) = record.note(RecordKind::ClockConfirmed, String::new(), body.to_string()) {
         record.wall_mut().keep_doubt(doubt);
         return Err(error);
     }
     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::ClockDoubted });
     Ok(Reply::Accepted { text: format!("{by} confirmed the time, {said}"), version: None })
+}
+
+/// A version of this person's that people may still decide on, or have to review.
+fn own_that_waits(record: &Record, by: &str) -> Result<Option<CapabilityId>, StoreError> {
+    let persons = record.ledger().store().persons()?;
+    let waits = |family: &FamilyState, number: usize, version: &Version| {
+        let is_candidate =
+            !version.state.is_terminal() && !matches!(version.state, State::Active | State::Superseded);
+        let is_reviewed = family.review.is_some_and(|review| usize::from(review.version.0) == number);
+        is_candidate || version.flags.awaiting_approval || is_reviewed
+    };
+    let mut all = record.ledger().families().flat_map(|(_, entry)| {
+        entry
+            .members
+            .iter()
+            .zip(&entry.state.versions)
+            .enumerate()
+            .map(move |(number, of)| (entry, number, of))
+    });
+    let found = all.find(|(entry, number, (member, version))| {
+        waits(&entry.state, *number, version) && origin::is_of(&persons, member, by)
+    });
+    Ok(found.map(|(_, _, (member, _))| member.capability.id()))
 }
 
 #[cfg(test)]

@@ -125,16 +125,16 @@ pub(crate) fn come_up(record: &mut Record, world: &mut LiveWorld) -> Result<(), 
         (on_record(&views)?, last_engine(&views)?)
     };
     let is_known = |stop: &StopOnRecord| stopped.as_ref().is_some_and(|stopped| stop.is_among(stopped));
-    let mut unrecorded = false;
-    if let Some(found) = stop_mark::look(&layout) {
-        if is_known(&StopOnRecord::of(&found.asked)) {
-            stop_mark::settle(&layout, &found.asked.id);
-        } else {
-            // It is put on record next.
-            world.switch().halt(found.asked);
-            unrecorded = true;
-        }
+    let asked = stop_mark::look(&layout).map(|found| found.asked);
+    let is_settled = |asked: &AskedStop| is_known(&StopOnRecord::of(asked));
+    if let Some(asked) = asked.as_ref().filter(|asked| is_settled(asked)) {
+        stop_mark::settle(&layout, &asked.id);
     }
+    let asked = asked.filter(|asked| !is_settled(asked));
+    if let Some(asked) = &asked {
+        world.switch().halt(asked.clone());
+    }
+    let mut unrecorded = asked.is_some();
     let mut marked = marks.found().map(|text| StopOnRecord::read(&text));
     if marked.as_ref().is_some_and(is_known) {
         marks.remove();
@@ -154,6 +154,9 @@ pub(crate) fn come_up(record: &mut Record, world: &mut LiveWorld) -> Result<(), 
         ComesUpStopped::UncleanEnd => UNCLEAN_END,
     };
     world.switch().latch();
+    if let Some(asked) = asked.filter(|asked| world.switch().first_asked().as_ref() == Some(asked)) {
+        take_first(record, world, &asked, Some(ComesUpStopped::UnrecordedStop))?;
+    }
     if let Some(stop) = marked {
         note(record, world, stop.because(ComesUpStopped::UnrecordedStop))?;
     }
@@ -189,7 +192,8 @@ pub(crate) fn begin_work(
     if world.at_work || world.is_halted() || record.clock().is_scripted() || !keeps_its_end(profile) {
         return Ok(());
     }
-    let body = serde_json::json!({ "profile": profile }).to_string();
+    let clock = record.ledger().wall().reading();
+    let body = serde_json::json!({ "clock": clock, "profile": profile }).to_string();
     record.note(RecordKind::EngineBegan, String::new(), body)?;
     world.at_work = true;
     Ok(())
@@ -206,7 +210,8 @@ pub(crate) fn end_work(record: &mut Record, world: &mut LiveWorld) -> Result<(),
 }
 
 fn ended(record: &mut Record, orderly: bool) -> Result<(), StoreError> {
-    let body = serde_json::json!({ "orderly": orderly }).to_string();
+    let clock = record.ledger().wall().reading();
+    let body = serde_json::json!({ "clock": clock, "orderly": orderly }).to_string();
     record.note(RecordKind::EngineEnded, String::new(), body)
 }
 
@@ -219,11 +224,22 @@ pub(crate) fn take_in(record: &mut Record, world: &mut LiveWorld) -> Result<(), 
     }
     // One that is being written is still asked for: until then the door says so.
     while let Some(asked) = world.switch().first_asked() {
-        written = written.and(note(record, world, StopOnRecord::of(&asked)));
-        world.switch().took_asked();
-        if world.unwritten.kept() != StopKept::InMemory {
-            stop_mark::settle(record.ledger().store().layout(), &asked.id);
-        }
+        written = written.and(take_first(record, world, &asked, None));
+    }
+    written
+}
+
+/// Puts the first stop that is asked for on record, and takes its mark away once it is kept.
+fn take_first(
+    record: &mut Record,
+    world: &mut LiveWorld,
+    asked: &AskedStop,
+    code: Option<ComesUpStopped>,
+) -> Result<(), StoreError> {
+    let written = note(record, world, StopOnRecord { code, ..StopOnRecord::of(asked) });
+    world.switch().took_asked();
+    if world.unwritten.kept() != StopKept::InMemory {
+        stop_mark::settle(record.ledger().store().layout(), &asked.id);
     }
     written
 }

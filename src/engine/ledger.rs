@@ -14,6 +14,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
     self, FamilyState, LifecycleChange, LifecycleEvent, Refusal, State, Version, VersionRef,
 };
+use holdpoint_governance::loosened::LetIn;
 use holdpoint_governance::submission::Package;
 use holdpoint_registry::{
     ActiveCause, AuditBody, Change, Course, NewVersion, Store, StoreError, Transaction, Views, command_id,
@@ -113,13 +114,21 @@ pub struct Origin {
     /// The author's public key, hexadecimal digits, where it signed the version or its registration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub author_key: Option<String>,
+    /// Whether a script said all that: it names whom it likes.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub scripted: bool,
 }
 
 impl Origin {
     /// Of a version that a script or the program itself registers.
     #[must_use]
     pub const fn of(requester: Requester) -> Self {
-        Self { requester, author_key: None }
+        Self { requester, author_key: None, scripted: false }
+    }
+
+    /// As an engine takes it that is no script's.
+    fn believed(self) -> Self {
+        if self.scripted { Self::of(Requester::Script) } else { self }
     }
 }
 
@@ -176,6 +185,8 @@ pub struct Ledger {
     wall: WallClock,
     /// Digest of the robot that versions are made active with.
     robot: Option<String>,
+    /// Under what they are.
+    lets_in: LetIn,
 }
 
 impl ActiveView for Ledger {
@@ -202,7 +213,7 @@ impl Ledger {
             families.insert(family, FamilyEntry { state, members });
         }
         drop(views);
-        Ok(Self { store, families, wall, robot: None })
+        Ok(Self { store, families, wall, robot: None, lets_in: LetIn::LEAST })
     }
 
     /// Makes the store's first administrator, if nobody was ever enrolled.
@@ -214,9 +225,21 @@ impl Ledger {
         self.store.first_administrator(wall_ms).map(drop)
     }
 
-    /// From now on active pointers are set with this robot.
-    pub(crate) fn bind_robot(&mut self, robot: &BoundRobot) {
+    /// From now on active pointers are set with this robot, under a profile of this class, by a script or not. What a script
+    /// said of where versions come from, nobody else believes.
+    pub(crate) fn bind(&mut self, robot: &BoundRobot, lets_in: LetIn) {
         self.robot = Some(robot.digest.clone());
+        self.lets_in = lets_in;
+        if !lets_in.scripted {
+            let members = self.families.values_mut().flat_map(|entry| &mut entry.members);
+            members.for_each(|member| member.origin = std::mem::take(&mut member.origin).believed());
+        }
+    }
+
+    /// Under what the gate lets a version in now.
+    #[must_use]
+    pub const fn lets_in(&self) -> LetIn {
+        self.lets_in
     }
 
     /// The clock that people's deadlines are held against.
@@ -340,10 +363,20 @@ impl Ledger {
     ) -> Result<Vec<Moved>, LedgerError> {
         let mut entry = self.family(family)?.clone();
         let (state, life) = lifecycle::apply(&entry.state, event)?;
-        if let LifecycleEvent::Confirm { version } = event
-            && let Some(member) = entry.members.get_mut(usize::from(version.0))
-        {
-            member.course.confirmed = true;
+        let (confirmed, let_in) = match event {
+            LifecycleEvent::Confirm { version } => (Some(version), None),
+            LifecycleEvent::Activate { version } | LifecycleEvent::ActivateUnreviewed { version, .. } => {
+                (None, Some(version))
+            }
+            _ => (None, None),
+        };
+        for (number, member) in entry.members.iter_mut().enumerate() {
+            let is =
+                |version: Option<VersionRef>| version.is_some_and(|version| usize::from(version.0) == number);
+            member.course.confirmed |= is(confirmed);
+            if is(let_in) {
+                member.course.let_in = Some(self.lets_in);
+            }
         }
         self.commit(family, entry, state, &life, at_ms, note)
     }

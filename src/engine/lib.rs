@@ -325,9 +325,15 @@ impl Engine {
         };
         let pipeline = Pipeline::new(settings, ledger, clock, baselines).map_err(|fault| match fault {
             // Nobody failed: the store refuses the profile, or somebody writes to it besides.
-            Fault::Store(error @ (StoreError::UnauthorizedProfile { .. } | StoreError::Altered(_)))
+            Fault::Store(
+                error @ (StoreError::UnauthorizedProfile { .. }
+                | StoreError::ScriptAfterLive
+                | StoreError::Altered(_)),
+            )
             | Fault::Ledger(LedgerError::Store(
-                error @ (StoreError::UnauthorizedProfile { .. } | StoreError::Altered(_)),
+                error @ (StoreError::UnauthorizedProfile { .. }
+                | StoreError::ScriptAfterLive
+                | StoreError::Altered(_)),
             )) => error.into(),
             fault => StartError::Fault(fault),
         })?;

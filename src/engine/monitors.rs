@@ -13,6 +13,7 @@ use holdpoint_protocol::snapshot::{MonitorView, QuestionView};
 use crate::context::Context;
 use crate::dossier::Dossier;
 use crate::fault::Fault;
+use crate::record::Record;
 
 /// The monitor of one activation.
 #[derive(Clone)]
@@ -73,6 +74,24 @@ impl Watched {
             asked: None,
             question: Vec::new(),
         })
+    }
+
+    /// The monitor of a version that had control and gets it back; absent where its window was passed.
+    ///
+    /// # Errors
+    /// As [`Watched::new`].
+    pub(crate) fn again(
+        id: &CapabilityId,
+        record: &Record,
+        dossier: Option<&Dossier>,
+        context: &Context,
+    ) -> Result<Option<Self>, Fault> {
+        let (_, standing, _) = record.ledger().version(id)?;
+        if !standing.left_provisional {
+            return Ok(None);
+        }
+        let watched = Self::new(id, dossier, context, record.now_tick())?;
+        Ok(Some(Self { restricted: standing.left_restricted, ..watched }))
     }
 }
 

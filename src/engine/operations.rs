@@ -51,7 +51,7 @@ pub(crate) fn register(
     let id = candidate.id();
     let persons = record.ledger().store().persons()?;
     let requester = origin::requester(signer, record.clock().is_scripted(), named, &persons);
-    let origin = match origin::of(requester, &candidate, &persons) {
+    let origin = match origin::of((requester, record.clock().is_scripted()), &candidate, &persons) {
         Ok(origin) => origin,
         Err(error) => return Ok(Reply::refused(Refusal::BadInput, &error)),
     };
@@ -199,10 +199,19 @@ fn not_to_rearm(context: &Context, record: &Record, id: &CapabilityId) -> Result
             hint: Some("`holdpoint confirm-time --as NAME --reason TEXT` confirms it".to_owned()),
         }));
     }
-    let (version, _, member) = record.ledger().version(id)?;
+    let (version, standing, member) = record.ledger().version(id)?;
     let is_first = version == VersionRef(0);
     let unknown = matches!(member.origin.requester, Requester::Unknown | Requester::Script);
     let people = context.asks_people() && !record.clock().is_scripted();
+    if people && standing.state == State::Demoted && !is_first {
+        return Ok(Some(Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: format!("{id} was demoted: where people decide, it comes back through the gate"),
+            hint: Some(format!(
+                "`holdpoint repeat {id}` evaluates it again; the family's first version is re-armed"
+            )),
+        }));
+    }
     Ok((people && unknown && !is_first).then(|| Reply::Refused {
         code: Refusal::NotAllowed,
         text: format!(

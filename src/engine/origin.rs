@@ -26,7 +26,20 @@ pub(crate) fn author(persons: &Persons, member: &Member) -> Author {
     }
 }
 
-/// Whether a version of the same author was confirmed in this store and is still in use or kept as a way back.
+/// Whether a person registered a version or wrote it, by name or by key.
+pub(crate) fn is_of(persons: &Persons, member: &Member, who: &str) -> bool {
+    let key = persons.named(who).map(holdpoint_approvals::Person::key_hex).filter(|key| !key.is_empty());
+    let is_same = |name: &str, other: &str| name == who || key.as_deref() == Some(other);
+    let author = author(persons, member);
+    let requested = match &member.origin.requester {
+        Requester::Person { name, key } => is_same(name, key),
+        Requester::Script | Requester::Program | Requester::Unknown => false,
+    };
+    requested || is_same(&author.name, &author.key)
+}
+
+/// Whether a version of the same author was confirmed in this store under no less than what is asked for now, and is still in
+/// use or kept as a way back.
 pub(crate) fn author_known(ledger: &Ledger, candidate: &Capability, origin: &Origin) -> bool {
     let Some(key) = &origin.author_key else { return false };
     ledger.families().any(|(_, entry)| {
@@ -34,6 +47,7 @@ pub(crate) fn author_known(ledger: &Ledger, candidate: &Capability, origin: &Ori
             member.capability.id() != candidate.id()
                 && member.origin.author_key.as_ref() == Some(key)
                 && member.course.confirmed
+                && member.course.let_in.is_some_and(|let_in| let_in.suffices(ledger.lets_in()))
                 && matches!(version.state, State::Active | State::Superseded)
         })
     })
@@ -76,7 +90,7 @@ impl Hint for AuthorSignatureError {
 /// # Errors
 /// If there is a signature of the author that does not hold, or whose key is not enrolled.
 pub(crate) fn of(
-    requester: Requester,
+    (requester, scripted): (Requester, bool),
     candidate: &Capability,
     persons: &Persons,
 ) -> Result<Origin, AuthorSignatureError> {
@@ -89,7 +103,7 @@ pub(crate) fn of(
         Requester::Person { name, key } if name == author && !key.is_empty() => Some(key.clone()),
         Requester::Person { .. } | Requester::Script | Requester::Program | Requester::Unknown => None,
     };
-    Ok(Origin { requester, author_key: by_signature.or(by_registration) })
+    Ok(Origin { requester, author_key: by_signature.or(by_registration), scripted })
 }
 
 /// The author's key, if it signed the version and is enrolled.

@@ -18,6 +18,7 @@ use std::sync::atomic::AtomicBool;
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::loosened::LetIn;
 use holdpoint_governance::omitted::Omitted;
 use holdpoint_governance::own_profile::ProfileTexts;
 use holdpoint_governance::policy::PolicyTable;
@@ -147,7 +148,8 @@ impl Pipeline {
         let world = LiveWorld::new(context.cell.clone(), switch)?;
         ledger.begin_persons()?;
         let agent = bound::agent(&ledger.store().views()?)?.unwrap_or_else(|| world.cell.agent_hash());
-        ledger.bind_robot(&BoundRobot::of(&context.cell));
+        let lets_in = LetIn { class: context.profile.name, scripted: clock.is_scripted() };
+        ledger.bind(&BoundRobot::of(&context.cell), lets_in);
         let run_seed = if clock.is_scripted() { RunSeed::OfScript } else { RunSeed::OfStore(seed) };
         let voided = match bound::set_context(&context, &mut ledger, agent, (clock.now_ms(), run_seed))? {
             ContextSet::InForce(voided) => voided,

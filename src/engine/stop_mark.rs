@@ -7,15 +7,12 @@
 //!
 //! Whatever lies in its place is a stop: a folder, a pipe, a link, a text that cannot be read.
 
-use std::collections::VecDeque;
+mod watch;
+
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
 use holdpoint_protocol::wire::ID_BYTES_MAX;
 use holdpoint_registry::{Layout, lock_sharers};
@@ -25,29 +22,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::caller;
 use crate::operations::REASON_BYTES_MAX;
-use crate::world::switch::{AskedStop, Switch};
+use crate::world::switch::AskedStop;
+
+pub(crate) use watch::MarkWatch;
 
 /// A file that has no name yet (`open(2)`).
 #[allow(clippy::cast_possible_wrap, reason = "a flag's bits, which the kernel takes as they are")]
 const NAMELESS: i32 = OFlags::TMPFILE.bits() as i32;
 
-/// How often the folder is looked at.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
-
 /// The longest mark that is read, bytes: id, name and reason, escaped.
 const MARK_BYTES_MAX: u64 = 32 << 10;
-
-/// How long a mark that is not complete may be still being written, in looks of [`WRITTEN_LOOK`].
-const WRITTEN_LOOKS: u32 = 10;
-
-/// Time between two looks at a mark that is not complete.
-const WRITTEN_LOOK: Duration = Duration::from_millis(2);
-
-/// How long the lock of a mark is shared: its maker looks for that at once.
-const ANSWER_KEPT: Duration = Duration::from_secs(10);
-
-/// The most marks whose lock is shared at a time.
-const ANSWERS_MAX: usize = 8;
 
 /// What a mark says. Whose process made it is not its to say.
 #[derive(Serialize, Deserialize)]
@@ -95,12 +79,10 @@ impl OwnMark {
         Ok(Self(file))
     }
 
-    /// The mark of another stop that lies there.
-    ///
-    /// # Errors
-    /// If nothing lies there, or no file that this process may read.
-    pub fn of_another(layout: &Layout) -> io::Result<Self> {
-        open(layout).map(Self)
+    /// Whether somebody removed it.
+    #[must_use]
+    pub fn is_removed(&self) -> bool {
+        self.0.metadata().is_ok_and(|found| found.nlink() == 0)
     }
 
     /// Whether a process shares the lock of the mark, beside the maker.
@@ -125,6 +107,8 @@ fn write_shared(file: &mut File, text: &str) -> io::Result<()> {
 #[derive(Debug)]
 pub(crate) struct FoundMark {
     pub(crate) asked: AskedStop,
+    /// Device and inode; zeros where the system does not tell.
+    is: (u64, u64),
     /// The file, if it is one.
     file: Option<File>,
     /// Whether it could be read.
@@ -137,10 +121,10 @@ fn open(layout: &Layout) -> io::Result<File> {
 
 /// Looks for a mark; `None` if nothing lies there.
 pub(crate) fn look(layout: &Layout) -> Option<FoundMark> {
-    let (id, owner, kind) = match fs::symlink_metadata(layout.stop_asked()) {
-        Ok(found) => (format!("mark-{}-{}", found.dev(), found.ino()), found.uid(), kind_of(&found)),
+    let (is, owner, kind) = match fs::symlink_metadata(layout.stop_asked()) {
+        Ok(found) => ((found.dev(), found.ino()), found.uid(), kind_of(&found)),
         Err(error) if error.kind() == ErrorKind::NotFound => return None,
-        Err(_) => ("mark".to_owned(), rustix::process::geteuid().as_raw(), "something"),
+        Err(_) => ((0, 0), rustix::process::geteuid().as_raw(), "something"),
     };
     let file = open(layout).ok();
     let text = file.as_ref().and_then(read);
@@ -153,12 +137,12 @@ pub(crate) fn look(layout: &Layout) -> Option<FoundMark> {
     };
     let clear = text.is_some();
     let MarkText { id, by, reason } = text.unwrap_or_else(|| MarkText {
-        id,
+        id: format!("mark-{}-{}", is.0, is.1),
         by: String::new(),
         reason: format!("{kind} lies in the place of the mark of a stop"),
     });
     let asked = AskedStop { id, by, reason, caller: caller::named(owner, process) };
-    Some(FoundMark { asked, file, clear })
+    Some(FoundMark { asked, is, file, clear })
 }
 
 /// Whether something lies in the place of the mark.
@@ -183,111 +167,5 @@ pub(crate) fn settle(layout: &Layout, id: &str) {
         let path = layout.stop_asked();
         // What cannot be removed goes on stopping the cell.
         drop(fs::remove_file(&path).or_else(|_| fs::remove_dir(&path)));
-    }
-}
-
-/// Watches the folder for a mark, on a thread of its own, until it is dropped.
-#[derive(Debug)]
-pub(crate) struct MarkWatch {
-    /// Its end is the thread's.
-    end: Option<SyncSender<()>>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl MarkWatch {
-    /// # Errors
-    /// If the system gives no thread.
-    pub(crate) fn start(layout: Layout, switch: Arc<Switch>) -> io::Result<Self> {
-        let (end, ended) = sync_channel(0);
-        let watch = move || watch(&layout, &switch, &ended);
-        let thread = std::thread::Builder::new().name("stop-watch".to_owned()).spawn(watch)?;
-        Ok(Self { end: Some(end), thread: Some(thread) })
-    }
-}
-
-impl Drop for MarkWatch {
-    fn drop(&mut self) {
-        drop(self.end.take());
-        if let Some(thread) = self.thread.take() {
-            drop(thread.join());
-        }
-    }
-}
-
-fn watch(layout: &Layout, switch: &Switch, ended: &Receiver<()>) {
-    let mut answers: VecDeque<(Instant, File)> = VecDeque::new();
-    while ended.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
-        while answers.front().is_some_and(|(since, _)| since.elapsed() > ANSWER_KEPT) {
-            answers.pop_front();
-        }
-        let Some(FoundMark { asked, file, .. }) = complete(layout) else { continue };
-        // A stop that came over the socket as well is one stop. One whose mark was put back after it was let go is another.
-        if !switch.knows(&asked.id) || (!switch.is_halted() && is_there(layout)) {
-            switch.halt(asked);
-        }
-        let is_new = |file: &File| !answers.iter().any(|(_, kept)| is_same(kept, file));
-        let Some(file) = file.filter(is_new) else { continue };
-        // It says that the cell is stopped, and nothing else.
-        if switch.is_halted() && file.try_lock_shared().is_ok() {
-            if answers.len() >= ANSWERS_MAX {
-                answers.pop_front();
-            }
-            answers.push_back((Instant::now(), file));
-        }
-    }
-}
-
-/// As [`look`], once it is written.
-fn complete(layout: &Layout) -> Option<FoundMark> {
-    let mut found = look(layout)?;
-    for _ in 0..WRITTEN_LOOKS {
-        if found.clear || found.file.is_none() {
-            break;
-        }
-        std::thread::sleep(WRITTEN_LOOK);
-        // One that is taken away meanwhile asked for a stop all the same.
-        found = look(layout).unwrap_or(found);
-    }
-    Some(found)
-}
-
-fn is_same(one: &File, other: &File) -> bool {
-    let name = |file: &File| file.metadata().ok().map(|found| (found.dev(), found.ino()));
-    name(one).is_some() && name(one) == name(other)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn wait_for(what: &str, is_so: impl Fn() -> bool) {
-        let until = Instant::now() + Duration::from_mins(1);
-        while !is_so() {
-            assert!(Instant::now() < until, "{what}");
-            std::thread::yield_now();
-        }
-    }
-
-    /// A mark that was linked back after `go` passed for a stop that the engine had taken, and the arm worked on.
-    #[test]
-    fn a_mark_that_is_put_back_after_the_cell_was_let_go_stops_it_again() {
-        let folder = tempfile::tempdir().unwrap();
-        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
-        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
-        let own = OwnMark::put(&layout, "a", "ana", "a hand is in the cell").unwrap();
-        wait_for("the mark stops the cell", || switch.is_halted());
-        let kept = folder.path().join("kept");
-        fs::hard_link(layout.stop_asked(), &kept).unwrap();
-        settle(&layout, "a");
-        assert!(!is_there(&layout), "it is on record");
-        assert!(switch.first_asked().is_some_and(|asked| asked.id == "a"));
-        wait_for("it is let go", || {
-            switch.took_asked();
-            switch.release()
-        });
-        fs::hard_link(&kept, layout.stop_asked()).unwrap();
-        wait_for("the same mark stops it again", || switch.is_halted());
-        assert!(switch.first_asked().is_some(), "and is asked for");
-        drop((watch, own));
     }
 }

@@ -3,15 +3,21 @@
 //! A script has one of its own, which goes with its engine's clock from a fixed moment on. What is to be believed is the
 //! rules' ([`holdpoint_governance::wall_time`]); this reads the clocks and remembers what was believed last.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use holdpoint_governance::wall_time::{ClockDoubt, ClockReading, WallTime, clock_doubt, time_for_deadlines};
 use rustix::time::{ClockId, clock_gettime};
+use serde::{Deserialize, Serialize};
 
 /// Where the machine's two clocks are read.
 pub trait Clocks: Send {
     /// Both, at the same moment.
     fn read(&self) -> ClockReading;
+
+    /// Names the start of the machine since which one of them counts; empty where the system does not tell.
+    fn boot(&self) -> String;
 }
 
 /// The clocks of this machine.
@@ -27,6 +33,26 @@ impl Clocks for MachineClocks {
             boot_ms: u64::try_from(boot_ms).unwrap_or(0),
         }
     }
+
+    fn boot(&self) -> String {
+        let mut id = String::new();
+        let read = File::open("/proc/sys/kernel/random/boot_id")
+            .and_then(|file| file.take(BOOT_ID_BYTES_MAX).read_to_string(&mut id));
+        read.map(|_| id.trim().to_owned()).unwrap_or_default()
+    }
+}
+
+/// The most of the name of a start that is read, bytes; it has 36.
+const BOOT_ID_BYTES_MAX: u64 = 64;
+
+/// A reading that was believed, as the chain keeps it: whatever engine reads the clocks next, as long as the machine is not
+/// started anew, holds them against it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct KeptReading {
+    /// The start of the machine.
+    boot: String,
+    boot_ms: u64,
+    wall: WallTime,
 }
 
 /// What the machine's clock says; `None` before 1970.
@@ -104,6 +130,23 @@ impl WallClock {
             Kind::Machine { believed, newest_record, jump_max_s, doubt, .. } => {
                 doubt.or_else(|| clock_doubt(believed, now, *newest_record, *jump_max_s))
             }
+        }
+    }
+
+    /// What is believed now, for the chain; `None` in a script, in doubt, or where the system does not name the machine's start.
+    pub(crate) fn reading(&self) -> Option<KeptReading> {
+        let Kind::Machine { clocks, .. } = &self.0 else { return None };
+        let (now, boot) = (clocks.read(), clocks.boot());
+        let is_believed = self.doubt_at(&now).is_none() && !boot.is_empty();
+        is_believed.then_some(KeptReading { boot, boot_ms: now.boot_ms, wall: now.wall })
+    }
+
+    /// Holds the clocks against what an earlier engine believed, if the machine was not started since.
+    pub(crate) fn hold_against(&mut self, kept: &KeptReading) {
+        if let Kind::Machine { clocks, believed, .. } = &mut self.0
+            && kept.boot == clocks.boot()
+        {
+            *believed = ClockReading { wall: kept.wall, boot_ms: kept.boot_ms };
         }
     }
 

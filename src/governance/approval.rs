@@ -419,7 +419,7 @@ fn evaluate_under(
         return ApprovalResult { outcome: ApprovalOutcome::Granted { people, until, break_glass }, reasons };
     }
     if now >= request.until && rules.demands(ApprovalRule::Deadline) {
-        let text = format!("nobody answered by {}; the version is held", request.until);
+        let text = format!("too few people answered by {}; the version is held", request.until);
         reasons.insert(0, reason(ReasonCode::ApprovalTimeout, text));
         return ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons };
     }

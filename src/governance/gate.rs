@@ -522,7 +522,7 @@ impl GateFindings {
                 (&mut self.ask, reason(ReasonCode::ApprovalPending, "approvals are missing"))
             }
             ApprovalOutcome::TimedOut => {
-                (&mut self.hold, reason(ReasonCode::ApprovalTimeout, "nobody answered in time"))
+                (&mut self.hold, reason(ReasonCode::ApprovalTimeout, "too few people answered in time"))
             }
             ApprovalOutcome::Refused { person } => {
                 (&mut self.reject, reason(ReasonCode::ApprovalRefused, format!("{person:?} refused")))

@@ -151,6 +151,14 @@ pub struct Version {
     /// Whether it was in control before. Absent in older stores, where a family's first version alone is known to have.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub acted: bool,
+    /// Whether it was restricted when it was last in control: whoever gives it back without the gate gives it back so. Absent
+    /// in older stores.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub left_restricted: bool,
+    /// Whether it was provisional when it was last in control: its window is not passed, whoever gives it back. Absent in
+    /// older stores.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub left_provisional: bool,
     /// Profiles that are closed to it by a profile demotion; the gate holds under them. Absent in older stores.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub closed: BTreeSet<ProfileName>,
@@ -322,7 +330,8 @@ pub enum LifecycleEvent {
         /// The version whose rollback was begun and did not succeed.
         version: VersionRef,
     },
-    /// An operator re-arms a safe-stopped family with a superseded or demoted version that was active before.
+    /// An operator re-arms a safe-stopped family with a superseded or demoted version that was active before; where people
+    /// decide, of the demoted ones with the family's first alone.
     Rearm {
         /// The version that is to act again.
         version: VersionRef,
@@ -471,6 +480,8 @@ impl Version {
             gate: None,
             approval: None,
             acted: false,
+            left_restricted: false,
+            left_provisional: false,
             closed: BTreeSet::new(),
         }
     }
@@ -479,12 +490,19 @@ impl Version {
     fn leave(&mut self, to: State) {
         let keep = if to == State::Demoted && self.state != State::Active { self.sandbox } else { None };
         let paused = self.flags.paused && !to.is_terminal();
+        let (left_restricted, left_provisional) = match self.state {
+            _ if to.is_terminal() => (false, false),
+            State::Active => (self.flags.restricted, self.flags.provisional),
+            _ => (self.left_restricted, self.left_provisional),
+        };
         *self = Self {
             flags: Flags { paused, ..Flags::default() },
             row_version: self.row_version,
             round: self.round,
             sandbox: keep,
             acted: self.acted || self.state == State::Active,
+            left_restricted,
+            left_provisional,
             closed: std::mem::take(&mut self.closed),
             ..Self::new(to)
         };

@@ -292,6 +292,27 @@ pub struct InForce {
     pub rules: Option<Digest>,
 }
 
+/// Under what a version was let into control by the gate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LetIn {
+    /// The profile's class.
+    pub class: ProfileName,
+    /// Whether a script asked: its people are played, and its seed is its own.
+    pub scripted: bool,
+}
+
+impl LetIn {
+    /// What is assumed where nothing is on record.
+    pub const LEAST: Self = Self { class: ProfileName::Sim, scripted: true };
+
+    /// Whether a version that was let in so may stay in control now: under no class that asks for more, and nobody lives with
+    /// what a script decided.
+    #[must_use]
+    pub fn suffices(self, now: Self) -> bool {
+        !is_at_risk(now.class) || (self.class >= now.class && (now.scripted || !self.scripted))
+    }
+}
+
 /// A profile that is to come into force.
 #[derive(Clone, Copy, Debug)]
 pub struct Taken {
@@ -315,16 +336,11 @@ pub const fn is_at_risk(class: ProfileName) -> bool {
 }
 
 /// Whether a profile takes an administrator's signed authorization. `authorized` are the rules that the last one that was used
-/// is for. A script needs none in a store that was never used `live` under `real` or `human`; what it left in force is
+/// is for. A script needs none: it uses no store that anybody else used under `real` or `human`, and what it left in force is
 /// authorized for nobody else.
 #[must_use]
-pub fn needs_authorization(
-    last: Option<InForce>,
-    authorized: Option<Digest>,
-    was_live: bool,
-    next: &Taken,
-) -> bool {
-    if next.scripted && !was_live {
+pub fn needs_authorization(last: Option<InForce>, authorized: Option<Digest>, next: &Taken) -> bool {
+    if next.scripted {
         return false;
     }
     let looser = is_at_risk(next.class) && next.is_looser;
@@ -470,7 +486,7 @@ mod tests {
         let taken =
             |class, of: &str, is_looser| Taken { class, rules: rules(of), is_looser, scripted: false };
         let last = |class, of: &str| Some(InForce { class, rules: Some(rules(of)) });
-        let needs = |last, next| needs_authorization(last, None, true, &next);
+        let needs = |last, next| needs_authorization(last, None, &next);
         for (last, next, expected) in [
             (None, taken(Sim, "a", true), false),
             (None, taken(Human, "a", false), false),
@@ -488,12 +504,30 @@ mod tests {
             assert_eq!(needs(last, next), expected, "{last:?} {next:?}");
         }
         let loose = taken(Real, "a", true);
-        assert!(!needs_authorization(last(Real, "a"), Some(rules("a")), true, &loose), "authorized before");
-        assert!(needs_authorization(last(Real, "a"), Some(rules("b")), true, &loose));
+        assert!(!needs_authorization(last(Real, "a"), Some(rules("a")), &loose), "authorized before");
+        assert!(needs_authorization(last(Real, "a"), Some(rules("b")), &loose));
         // A script on a store of its own, and whoever goes on with what it left.
         let script = Taken { scripted: true, ..loose };
-        assert!(!needs_authorization(last(Human, "b"), None, false, &script));
-        assert!(needs_authorization(last(Human, "b"), None, true, &script));
-        assert!(needs_authorization(last(Real, "a"), None, false, &loose));
+        assert!(!needs_authorization(last(Human, "b"), None, &script));
+        assert!(needs_authorization(last(Real, "a"), None, &loose));
+    }
+
+    #[test]
+    fn a_version_stays_where_no_more_is_asked_for_than_it_was_let_in_by() {
+        use ProfileName::{Human, Real, Sim};
+        let by = |class, scripted| LetIn { class, scripted };
+        for class in ProfileName::ALL {
+            for scripted in [false, true] {
+                assert!(by(class, scripted).suffices(by(Sim, false)), "nobody is at risk under sim");
+                assert!(!by(class, true).suffices(by(Real, false)), "a script's people are played");
+                assert!(by(Human, scripted).suffices(by(class, true)));
+            }
+        }
+        for (let_in, now, stays) in
+            [(Sim, Real, false), (Sim, Human, false), (Real, Human, false), (Human, Real, true)]
+        {
+            assert_eq!(by(let_in, false).suffices(by(now, false)), stays, "{let_in} {now}");
+            assert_eq!(LetIn::LEAST.suffices(by(now, true)), false, "{now}");
+        }
     }
 }

@@ -14,7 +14,7 @@ pub enum Authority {
     Gives,
     /// It carries a signature of its own over what it is about.
     SignedItself,
-    /// It gives and takes none: what somebody has seen, and what is done to the simulated cell for a rehearsal.
+    /// It gives and takes none: what somebody has seen, and how fast the simulated cell works.
     Neither,
 }
 
@@ -49,13 +49,14 @@ impl Command {
             | Self::Go { .. }
             | Self::ConfirmTime { .. }
             | Self::Goal { .. }
+            // A link that is down leaves a monitor without what it looks at.
+            | Self::Drift { .. }
+            | Self::LiveFault { .. }
             | Self::ResetAlarm { .. }
             | Self::ShelveAlarm { .. } => Authority::Gives,
             Self::Decide { .. } | Self::Person { .. } => Authority::SignedItself,
             Self::AcknowledgeAlarm { .. }
             | Self::UnshelveAlarm { .. }
-            | Self::Drift { .. }
-            | Self::LiveFault { .. }
             | Self::Note { .. }
             | Self::Pace { .. } => Authority::Neither,
         }

@@ -55,6 +55,21 @@ pub struct Transaction {
     pub audit: Vec<AuditBody>,
 }
 
+impl Transaction {
+    /// Whether the end of the chain is signed right after it: who takes that end away then does not do so unseen, by removing
+    /// the database's log for one.
+    pub(crate) fn is_signed_at_once(&self) -> bool {
+        let kinds = [
+            RecordKind::CellStopped,
+            RecordKind::CellReleased,
+            RecordKind::EngineBegan,
+            RecordKind::ClockDoubted,
+        ];
+        self.changes.iter().any(|change| matches!(change, Change::SetActive { .. }))
+            || self.audit.iter().any(|body| kinds.contains(&body.kind))
+    }
+}
+
 /// A name for a command that nobody can foretell. A row under a name that is known before would swallow or refuse the
 /// command: what lies in the table of commands is in no record.
 ///

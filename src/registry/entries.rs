@@ -7,6 +7,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::loosened::LetIn;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
 
@@ -166,4 +167,6 @@ pub struct Course {
     pub ran: Option<Stage>,
     /// Whether it ever passed its provisional window.
     pub confirmed: bool,
+    /// Under what the gate let it in last; absent where it never did.
+    pub let_in: Option<LetIn>,
 }

@@ -82,6 +82,9 @@ pub enum StoreError {
         named: String,
         problem: String,
     },
+    /// A script on a store that an engine used which was no script's, where robots or people are at risk.
+    #[error("no script uses this store: an engine that was no script's used it under real or human")]
+    ScriptAfterLive,
     /// Somebody else wrote to the database of a running engine. Nothing is written over it.
     #[error("the store was changed behind the engine: {0}")]
     Altered(String),
@@ -153,6 +156,9 @@ impl Hint for StoreError {
                      ADMIN`)"
                 )
                 .into(),
+            ),
+            Self::ScriptAfterLive => Some(
+                "leave --data out, or name another folder: the script then has a store of its own".into(),
             ),
             Self::Io { .. }
             | Self::Sqlite { .. }

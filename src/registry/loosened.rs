@@ -14,7 +14,8 @@ use super::words::guarded;
 use holdpoint_approvals::{RulesChange, SignedProfileAct};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::loosened::{
-    Before, InForce, LOOSENED_MAX, Loosened, Rules, Settings, Taken, is_at_risk, needs_authorization, told,
+    Before, InForce, LOOSENED_MAX, LetIn, Loosened, Rules, Settings, Taken, is_at_risk, needs_authorization,
+    told,
 };
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
@@ -57,6 +58,10 @@ pub fn allow_profile(
         .map(drop)
 }
 
+/// A script names whom it likes, and signs with no key.
+const SCRIPT_AFTER_LIVE: &str =
+    "an engine that was no script's used this store under real or human, and no script uses it after that";
+
 /// The part of a record of a profile that is looked at, whether it is allowed or in force.
 #[derive(Deserialize)]
 pub(crate) struct OnRecord {
@@ -72,6 +77,14 @@ pub(crate) struct ProfileOnRecord {
     rules: Option<ContextRules>,
     #[serde(default)]
     act: Option<ActOnRecord>,
+}
+
+impl ProfileOnRecord {
+    /// What is in force from this record on.
+    pub(crate) fn let_in(&self) -> LetIn {
+        let scripted = self.rules.as_ref().is_some_and(|rules| rules.scripted);
+        LetIn { class: self.profile, scripted }
+    }
 }
 
 /// Of an authorization on record: what it is for.
@@ -139,6 +152,12 @@ impl ProfileCourse {
         self.was_used
     }
 
+    /// Whether it was used by somebody else than a script where robots or people are at risk: no script uses it after that.
+    #[must_use]
+    pub const fn was_live(&self) -> bool {
+        self.was_live
+    }
+
     /// Whether a script took the profile in force.
     #[must_use]
     pub const fn scripted(&self) -> bool {
@@ -154,7 +173,7 @@ impl ProfileCourse {
             is_looser: !rules.loosened.is_empty(),
             scripted: rules.scripted,
         };
-        needs_authorization(self.last, self.authorized, self.was_live, &next)
+        needs_authorization(self.last, self.authorized, &next)
     }
 
     /// These rules as they would come into force next.
@@ -189,6 +208,9 @@ impl ProfileCourse {
     /// # Errors
     /// Why not.
     pub fn check(&self, seq: u64, class: ProfileName, rules: &ContextRules) -> Result<(), String> {
+        if rules.scripted && self.was_live {
+            return Err(SCRIPT_AFTER_LIVE.to_owned());
+        }
         let is_authorized = self.word.as_ref().is_some_and(|word| {
             word.seq.checked_add(1) == Some(seq)
                 && word.profile == class
@@ -519,10 +541,10 @@ mod tests {
         let mut course = ProfileCourse::default();
         course.set(1, Real, false, Some(script.clone())).unwrap();
         assert!(course.needs(Real, &loose) && !course.needs(Real, &script));
-        // Once somebody used it otherwise, a script is as anybody.
+        // Once somebody used it otherwise, no script does.
         course.allow(2, Real, Some(course.change_to(&loose)));
         course.set(3, Real, false, Some(loose)).unwrap();
-        script.digest = Digest::of_parts("test", &[b"another"]);
-        assert!(course.needs(Real, &script));
+        course.allow(4, Real, Some(course.change_to(&script)));
+        assert_eq!(course.check(5, Real, &script).unwrap_err(), SCRIPT_AFTER_LIVE);
     }
 }

@@ -411,12 +411,12 @@ impl StoreWriter {
                 }
             };
             let result = self.commit(&transaction).map(|(receipt, head)| {
-                let moved =
-                    transaction.changes.iter().any(|change| matches!(change, Change::SetActive { .. }));
                 let witness =
                     transaction.changes.iter().any(|change| matches!(change, Change::SetWitness { .. }));
                 if head.seq > self.checkpointed_seq
-                    && (moved || witness || head.seq >= self.checkpointed_seq + EVERY_RECORDS)
+                    && (witness
+                        || transaction.is_signed_at_once()
+                        || head.seq >= self.checkpointed_seq + EVERY_RECORDS)
                 {
                     // The last that a witness gets is the head under which its removal is on record.
                     self.checkpoint(head);

@@ -19,6 +19,7 @@ use super::entries::{
     VersionDetail, VersionFilter,
 };
 use super::error::StoreError;
+use super::loosened::OnRecord;
 use super::migrate::{STORE, version};
 use super::names::EvidenceKind;
 use super::open::open_reader;
@@ -26,8 +27,9 @@ use super::people;
 use holdpoint_approvals::Persons;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Flags, State};
+use holdpoint_governance::loosened::LetIn;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd, VersionSummary};
+use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd, VersionSummary};
 use holdpoint_governance::wall_time::WallTime;
 
 /// The most rows one call returns.
@@ -428,6 +430,18 @@ impl Views {
             flags: Flags,
         }
         #[derive(serde::Deserialize)]
+        struct ActiveSetBody {
+            change: ActiveSetChange,
+        }
+        #[derive(serde::Deserialize)]
+        struct ActiveSetChange {
+            cause: CauseOnRecord,
+        }
+        #[derive(serde::Deserialize)]
+        struct CauseOnRecord {
+            cause: ActivationCause,
+        }
+        #[derive(serde::Deserialize)]
         struct ClosedBody {
             outcome: UpgradeEnd,
         }
@@ -458,7 +472,29 @@ impl Views {
             let closed: ClosedBody = serde_json::from_str(&record.body).map_err(unread)?;
             confirmed |= closed.outcome == UpgradeEnd::Confirmed;
         }
-        Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), ran, confirmed })
+        let mut let_in = None;
+        for record in records(RecordKind::ActiveSet, CLOSINGS_MAX, None)? {
+            let set: ActiveSetBody = serde_json::from_str(&record.body).map_err(unread)?;
+            if set.change.cause.cause == ActivationCause::Gate {
+                let_in = Some(self.in_force_at(record.seq)?);
+                break;
+            }
+        }
+        Ok(Course { left: left.map_err(unread)?.map(|body| body.change.from), ran, confirmed, let_in })
+    }
+
+    /// The profile that was in force when a record was written.
+    fn in_force_at(&self, seq: u64) -> Result<LetIn, StoreError> {
+        let newest_before = AuditFilter {
+            before_seq: Some(seq),
+            kind: Some(RecordKind::ContextSet),
+            limit: 1,
+            newest_first: true,
+            ..AuditFilter::default()
+        };
+        let found = self.audit(&newest_before)?;
+        let read = |record: &AuditRecord| serde_json::from_str::<OnRecord>(&record.body).ok();
+        Ok(found.first().and_then(read).map_or(LetIn::LEAST, |set| set.change.let_in()))
     }
 
     /// Calls `visit` with each record of the chain up to `to_seq`, in order, one at a time.

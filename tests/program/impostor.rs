@@ -301,6 +301,60 @@ fn what_an_impostor_answers_is_never_taken_for_the_engines() {
     served.end();
 }
 
+/// Nothing is signed for whoever is not known to be the engine: a `go` was, over stops that an impostor had hidden.
+#[test]
+fn nothing_is_signed_for_an_impostor() {
+    let folder = tempfile::tempdir().unwrap();
+    let served = Served::start(folder.path());
+    let impostor = Impostor::start(&served.layout());
+    for verb in [&["go"][..], &["confirm-time"], &["resume", "grasp@1.0.0"], &["rearm", "grasp@1.0.0"]] {
+        let done = served.verb(&[verb, &["--as", "admin", "--reason", "all is clear"]].concat());
+        assert_eq!(done.status.code(), Some(6), "{verb:?}: {}", said(&done));
+        assert!(said(&done).contains("nothing was signed"), "{verb:?}: {}", said(&done));
+        assert!(!said(&done).contains(LIE), "{verb:?}: {}", said(&done));
+    }
+    drop(impostor);
+    served.end();
+}
+
+/// A program that takes the name and removes the mark in the same moment defeated the stop.
+#[test]
+fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let served = Served::start(folder.path());
+    let impostor = Impostor::start(&served.layout());
+    let (over, removed) = (Arc::<AtomicBool>::default(), Arc::<AtomicUsize>::default());
+    let (ends, counts, mark) = (Arc::clone(&over), Arc::clone(&removed), served.layout().stop_asked());
+    let remover = std::thread::spawn(move || {
+        while !ends.load(Ordering::Acquire) {
+            if fs::remove_file(&mark).is_ok() {
+                counts.fetch_add(1, Ordering::AcqRel);
+            }
+        }
+    });
+    for _ in 0..count("HOLDPOINT_IMPOSTOR_STOPS", 3) {
+        let asked = Instant::now();
+        let stopped = served.verb(&["stop"]);
+        let told = served.tells("cell-stopped");
+        served.tells("arm-stands");
+        println!("{} ms, exit code {:?}", told.duration_since(asked).as_millis(), stopped.status.code());
+        // Confirmed by the kernel, or not said.
+        match stopped.status.code() {
+            Some(0) => {
+                assert!(said(&stopped).contains("the process that has the store"), "{}", said(&stopped))
+            }
+            code => assert_eq!(code, Some(6), "{}", said(&stopped)),
+        }
+        Served::go(&impostor.real);
+        served.tells("cell-released");
+    }
+    over.store(true, Ordering::Release);
+    remover.join().unwrap();
+    assert!(removed.load(Ordering::Acquire) > 0);
+    drop(impostor);
+    served.end();
+}
+
 #[test]
 fn a_stop_that_nobody_confirms_is_no_stop_and_is_made_good() {
     let folder = tempfile::tempdir().unwrap();

@@ -66,7 +66,7 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     ends(&run(&["identity", "list"]), 0, &["PROTECTION", "unprotected"]);
 
     // A verb that signs.
-    ends(&run(&["stop"]), 0, &[]);
+    ends(&run(&["stop"]), 6, &["no engine is at work"]);
     let go = ["go", "--as", "mara", "--stops", "1", "--reason", "checked"];
     let with = |path: &str| run(&[go.as_slice(), &["--passphrase-file", path]].concat());
     ends(&run(&go), 2, &["the key of mara has a passphrase", "no terminal", "HOLDPOINT_PASSPHRASE_FILE"]);
@@ -76,7 +76,7 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     fs::set_permissions(&oak, fs::Permissions::from_mode(0o600)).unwrap();
     ends(&run(&["status"]), 0, &["STOPPED"]);
     ends(&with(oak_text), 0, &[]);
-    ends(&run(&["stop"]), 0, &[]);
+    ends(&run(&["stop"]), 6, &["no engine is at work"]);
     ends(&holdpoint(&data, &go, Some(&oak)), 0, &[]);
 
     // Another passphrase, none, and one again: the key stays the same.

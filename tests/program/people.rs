@@ -232,14 +232,14 @@ fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     let said = with("identity list", Some(&socket), 0);
     assert!(said.lines().any(|row| row.starts_with("mara") && row.contains("elsewhere")), "{said}");
     // What she answers for, the agent signs.
-    ends(&folder, "stop", 0);
+    ends(&folder, "stop", 6);
     let go = "go --stops 1 --as mara --reason empty";
     says(&with(go, None, 2), &["SSH_AUTH_SOCK names no ssh-agent"]);
     says(&with(go, Some(&socket), 0), &["works again"]);
     let asked = ends(&folder, "audit list --kind asked --json", 0);
     says(&asked, &["mara", "verified"]);
     agent.forget();
-    ends(&folder, "stop", 0);
+    ends(&folder, "stop", 6);
     says(&with(go, Some(&socket), 2), &["does not hold the key of", "ssh-add FILE"]);
     says(&ends(&folder, "audit verify", 0), &["sound"]);
 }

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 use std::process::{Command as Process, Output};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use holdpoint::body::RATE_HZ;
 use holdpoint::engine::door::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
@@ -62,16 +62,20 @@ impl Front {
         self.picture(|picture| !picture.stopped && picture.task.is_some() && picture.at_secs >= at_secs);
     }
 
-    /// Stops and lets go, so many times; the ticks to the standstill in order.
-    fn stops(&mut self, times: u64) -> Vec<u64> {
-        let mut ticks: Vec<u64> = (0..times)
-            .map(|index| {
-                self.works_for(Duration::from_millis(7 * (1 + index % 11)));
-                let ticks = self.stands();
-                accepted(&self.go());
-                ticks
-            })
-            .collect();
+    /// Stops and lets go, so many times, and on until one of them met the arm at work; the ticks to the standstill in order.
+    fn stops(&mut self, times: u64, meets_it_at_work: bool) -> Vec<u64> {
+        let mut ticks = Vec::new();
+        let until = Instant::now() + PATIENCE;
+        for index in 0.. {
+            // On a busy machine the picture is told late, and a sequence may be over by then.
+            let met = !meets_it_at_work || ticks.iter().any(|ticks| *ticks > 0);
+            if index >= times && (met || Instant::now() >= until) {
+                break;
+            }
+            self.works_for(Duration::from_millis(7 * (1 + index % 11)));
+            ticks.push(self.stands());
+            accepted(&self.go());
+        }
         ticks.sort_unstable();
         ticks
     }
@@ -82,17 +86,17 @@ fn the_arm_stands_whatever_is_under_way() {
     let times = std::env::var("HOLDPOINT_STOPS").ok().and_then(|text| text.parse().ok()).unwrap_or(2);
     let folder = tempfile::tempdir().unwrap();
     let mut front = Front::start(folder.path(), None);
-    let mut measured = vec![("idle", front.stops(times))];
+    let mut measured = vec![("idle", front.stops(times, true))];
     front.submit("align-improved");
     front.until(|kind| matches!(kind, EventKind::StageStarted { stage, .. } if stage.name() == "sandbox"));
-    measured.push(("in sandbox", front.stops(times)));
+    measured.push(("in sandbox", front.stops(times, true)));
     accepted(&front.carry_out(Command::Pause(operation("align@1.1.0"))));
-    measured.push(("held", front.stops(times)));
+    measured.push(("held", front.stops(times, false)));
     accepted(&front.carry_out(Command::Resume(operation("align@1.1.0"))));
     front.until(|kind| matches!(kind, EventKind::StageStarted { stage, .. } if stage.name() == "shadow"));
-    measured.push(("in shadow", front.stops(times)));
+    measured.push(("in shadow", front.stops(times, true)));
     front.until(|kind| matches!(kind, EventKind::Activated { .. }));
-    measured.push(("provisional", front.stops(times)));
+    measured.push(("provisional", front.stops(times, true)));
     for (state, ticks) in &measured {
         let (median, worst) = (ticks[ticks.len() / 2], ticks[ticks.len() - 1]);
         println!("{state}: median {median}, worst {worst} of {} ticks to the standing arm", ticks.len());
@@ -212,19 +216,41 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
+/// With a mistyped folder it made a store, stopped its cell, and said so.
+#[test]
+fn a_stop_without_an_engine_is_not_confirmed() {
+    let folder = tempfile::tempdir().unwrap();
+    let none = folder.path().join("mistyped");
+    let stopped = holdpoint(&none, &["stop", "--as", "ana"]);
+    assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
+    for part in ["no engine is at work", "stopped no arm", "emergency stop", "--data DIR"] {
+        assert!(said(&stopped).contains(part), "{part:?}: {}", said(&stopped));
+    }
+    assert!(!none.exists(), "no store is made");
+    let data = folder.path().join("store");
+    let front = Front::start(&data, None);
+    front.host.stop(PATIENCE).unwrap();
+    let stopped = holdpoint(&data, &["stop", "--as", "ana"]);
+    assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
+    assert!(said(&stopped).contains("the next engine there comes up stopped"), "{}", said(&stopped));
+    let mut front = Front::start(&data, None);
+    assert_eq!(front.snapshot().stopped.map(|stopped| stopped.by), Some("ana".to_owned()));
+    front.host.stop(PATIENCE).unwrap();
+}
+
 #[test]
 fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("store");
-    let stopped = holdpoint(&data, &["stop"]);
-    assert_eq!(stopped.status.code(), Some(0), "{}", said(&stopped));
-    assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED  by somebody"));
-    let nobody = holdpoint(&data, &["go", "--as", "ana", "--reason", "checked"]);
-    assert_eq!(nobody.status.code(), Some(2), "going on needs an identity: {}", said(&nobody));
     assert_eq!(
         holdpoint(&data, &["identity", "new", "ana", "--role", "operator", "--unprotected"]).status.code(),
         Some(0)
     );
+    let stopped = holdpoint(&data, &["stop"]);
+    assert_eq!(stopped.status.code(), Some(6), "{}", said(&stopped));
+    assert!(said(&holdpoint(&data, &["status"])).contains("STOPPED  by somebody"));
+    let nobody = holdpoint(&data, &["go", "--as", "ben", "--reason", "checked"]);
+    assert_eq!(nobody.status.code(), Some(2), "going on needs an identity: {}", said(&nobody));
     let words = ["go", "--as", "ana", "--reason", "checked"];
     let one = [&words[..], &["--stops", "1"]].concat();
     // Somebody else stopped it, and nobody says that it was read who and why.
@@ -239,7 +265,7 @@ fn the_verbs_stop_and_let_go_with_and_without_an_engine() {
     assert_eq!(holdpoint(&data, &one).status.code(), Some(0));
     assert!(!said(&holdpoint(&data, &["status"])).contains("STOPPED"));
     // One's own is known.
-    assert_eq!(holdpoint(&data, &["stop", "--as", "ana"]).status.code(), Some(0));
+    assert_eq!(holdpoint(&data, &["stop", "--as", "ana"]).status.code(), Some(6));
     assert_eq!(holdpoint(&data, &words).status.code(), Some(0));
     assert_eq!(holdpoint(&data, &words).status.code(), Some(3), "it is not stopped");
 

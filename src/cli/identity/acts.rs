@@ -283,7 +283,18 @@ pub(super) fn enrol(
             IdentityInfo { name: name.to_owned(), role, public_key: key.public_key }
         }
     };
+    // A role that lies beside a key is the word of whoever put it there.
+    let says_role = role.is_some() || matches!(key, EnrolledKey::Agent(..));
+    if who.role == Role::Admin && !says_role {
+        let text = format!("the key of {name} says that they are an administrator, and --role does not");
+        return Err(CliError::usage(text).with_hint("`--role admin` says so; `--role` says another role"));
+    }
     let register = Register::open(context)?;
+    if !out.is_json() {
+        // Before anything is signed.
+        let key = keyfile::hex(who.public_key.as_bytes());
+        out.line(&format!("{} is to be enrolled as {}, with the public key {key}", who.name, who.role))?;
+    }
     let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Enrol)?;
     let is_here = matches!(key, EnrolledKey::Here);
     let unprotected = is_here && is_unprotected(&register.layout, name);
@@ -313,6 +324,10 @@ pub(super) fn confirm(
 ) -> Result<(), CliError> {
     let register = Register::open(context)?;
     let person = register.enrolled(name)?;
+    if !out.is_json() {
+        let key = keyfile::hex(person.public_key.as_bytes());
+        out.line(&format!("{name} is to be confirmed as {}, with the public key {key}", person.role))?;
+    }
     let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Confirm)?;
     let signed =
         register.persons.confirmation(person, &admin, args.reason.raw()).map_err(CliError::internal)?;

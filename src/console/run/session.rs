@@ -511,7 +511,8 @@ impl Session {
     fn decision_shown(&mut self, seen: OnScreen) {
         let unread = |model: &Model| match &model.entry.overlay {
             Some(Overlay::Prompt(prompt)) => prompt.unread(),
-            Some(Overlay::Palette(_) | Overlay::Form(_) | Overlay::Why(_) | Overlay::Film(_)) | None => 0,
+            Some(Overlay::Form(form)) => form.unread(),
+            Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => 0,
         };
         let before = unread(&self.model);
         self.fold_one(MsgKind::DecisionShown(seen));

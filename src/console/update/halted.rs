@@ -33,14 +33,15 @@ pub(super) fn may_go(model: &Model) -> Result<&StoppedView, String> {
 
 /// What letting the cell work does: who stopped it, and what takes control with it.
 fn go_lines(model: &Model, stopped: &StoppedView) -> Vec<String> {
-    let mut lines = stop_lines(stopped);
+    let mut lines = vec!["The arm moves again at once; make sure that nobody is in the cell".to_owned()];
     let prompts = model.told.snapshot.iter().flat_map(|now| &now.prompts);
     let granted = prompts.filter(|prompt| prompt.granted);
     lines.extend(granted.map(|prompt| format!("{} is approved and takes control at once", prompt.version)));
+    lines.extend(stop_lines(stopped));
     lines
 }
 
-/// Everybody who stopped the cell, and that the arm moves.
+/// Everybody who stopped the cell.
 fn stop_lines(stopped: &StoppedView) -> Vec<String> {
     let somebody = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
@@ -54,7 +55,6 @@ fn stop_lines(stopped: &StoppedView) -> Vec<String> {
         let (by, at) = (somebody(&stop.by), seconds(stop.at_ms));
         format!("and by {by}, {}, at {at}{}", stop.caller, why(&stop.reason))
     }));
-    lines.push("The arm moves again at once; make sure that nobody is in the cell".to_owned());
     lines
 }
 

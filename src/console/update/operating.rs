@@ -37,6 +37,9 @@ pub(super) fn open(model: &mut Model, intent: Intent, consequences: Vec<String>)
     if let Some(absence) = model.absence().filter(|_| !intent.stops()) {
         return refuse(model, &absence.problem().sentence());
     }
+    if let Some(doubt) = model.told.doubt.filter(|_| !intent.needs_no_known_engine()) {
+        return refuse(model, &format!("{doubt}: nothing is signed for whoever that is"));
+    }
     if intent.needs_person() && model.seat.operator.is_none() {
         return refuse(model, &format!("{NOBODY}: {}", intent.title()));
     }

@@ -276,6 +276,8 @@ pub(super) fn form_key(model: &mut Model, key: KeyEvent, action: Option<Action>)
     }
     match key.code {
         KeyCode::Esc => leave_undone(model),
+        KeyCode::PageDown => form.scroll_by(true),
+        KeyCode::PageUp => form.scroll_by(false),
         KeyCode::Tab => form.step(true),
         KeyCode::BackTab => form.step(false),
         KeyCode::Enter => match form.focus {

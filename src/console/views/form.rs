@@ -11,38 +11,78 @@
 use ratatui::layout::Rect;
 
 use super::hints::field;
+use crate::action::Action;
 use crate::form::{Form, FormFocus, Intent, SHELVE_MINUTES_MAX};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::Model;
+use crate::prompt::OnScreen;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
+
+/// The most rows of one sentence of what a form does: more than the longest reason has.
+const WRAPPED_MAX: usize = 200;
 
 /// The widest form, columns.
 const WIDTH_MAX: u16 = 76;
 
 /// Draws it over the view.
 pub fn draw(model: &Model, form: &Form, pen: &mut Pen<'_>, area: Rect) {
-    let width = usize::from(area.width.min(WIDTH_MAX).saturating_sub(4));
+    let width = usize::from(width_of(area));
     let body = body(form, width);
-    let foot = match &form.signing {
-        Some(signing) => {
-            super::prompt::signing_rows(model, signing, (" Sign  ", " back to the form"), pen, width)
-        }
-        None => foot(model, form, pen, width),
-    };
+    let foot = foot_of(model, form, pen, width);
     let by = model.seat.operator.as_ref().filter(|_| form.intent.needs_person());
     let by = by.map_or_else(String::new, |who| format!("as {}", super::short(&who.name, 24)));
     let height = u16::try_from(body.len() + foot.len() + 2).unwrap_or(u16::MAX);
     let inside = super::window(pen, area, WIDTH_MAX, height, &form.intent.title(), &by);
-    // Where not all fits, the fields and buttons stay in sight.
-    let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(inside.height);
-    let (upper, lower) = crate::widgets::pen::cut(inside, inside.height - foot_height);
-    pen.rows(upper, 0, &body);
+    // Where not all fits, the fields and buttons stay in sight, and the rest is scrolled.
+    let (upper, lower) = crate::widgets::pen::cut(inside, room(inside.height, foot.len()));
+    let seen = seen(form, usize::from(width_of(area)), usize::from(upper.height), body.len());
+    let mut rows = body;
+    rows.drain(..seen.first.min(rows.len()));
+    rows.truncate(seen.room);
+    pen.rows(upper, 0, &rows);
+    if seen.first + seen.room < seen.count && upper.height > 0 {
+        let hidden = seen.count - seen.first - seen.room;
+        let key = model.keymap.key(Action::PageDown);
+        pen.row(
+            upper,
+            upper.height - 1,
+            &Row::of(ThemeRole::Warning, &format!("{hidden} more below: {key}")),
+        );
+    }
     pen.rows(lower, 0, &foot);
 }
 
+/// The rows of what a form does that [`draw`] puts on the screen.
+#[must_use]
+pub fn on_screen(model: &Model, form: &Form, pen: &Pen<'_>, area: Rect) -> OnScreen {
+    let width = usize::from(width_of(area));
+    let (count, foot) = (body(form, width).len(), foot_of(model, form, pen, width).len());
+    let height = area.height.min(u16::try_from(count + foot + 2).unwrap_or(u16::MAX));
+    // As the window has it: without its frame, where there is room for one.
+    let inside = if area.width.min(WIDTH_MAX) < 4 || height < 3 { height } else { height - 2 };
+    seen(form, width, usize::from(room(inside, foot)), count)
+}
+
+fn width_of(area: Rect) -> u16 {
+    area.width.min(WIDTH_MAX).saturating_sub(4)
+}
+
+/// Rows above the foot.
+fn room(inside: u16, foot: usize) -> u16 {
+    inside.saturating_sub(u16::try_from(foot).unwrap_or(u16::MAX))
+}
+
+/// Where not all fits, the last row says how much is left.
+fn seen(form: &Form, width: usize, height: usize, count: usize) -> OnScreen {
+    let room = if count > height { height.saturating_sub(1) } else { height };
+    let first = usize::from(form.scroll).min(count.saturating_sub(room));
+    let room = if first + height >= count { height } else { room };
+    OnScreen { width, first, room, count, rows: Vec::new() }
+}
+
 fn body(form: &Form, width: usize) -> Vec<Row> {
-    let lines = form.consequences.iter().flat_map(|line| wrap(line, width, 4));
+    let lines = form.consequences.iter().flat_map(|line| wrap(line, width, WRAPPED_MAX));
     let mut rows: Vec<Row> = lines.map(|line| Row::of(ThemeRole::Text, &line)).collect();
     if !rows.is_empty() {
         rows.push(Row::new());
@@ -64,6 +104,15 @@ fn void_foot(form: &Form, why: &str, pen: &Pen<'_>, width: usize) -> Vec<Row> {
             .with(ThemeRole::Text, " closes this, a moment after the last key; other keys do nothing here"),
     );
     rows
+}
+
+fn foot_of(model: &Model, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+    match &form.signing {
+        Some(signing) => {
+            super::prompt::signing_rows(model, signing, (" Sign  ", " back to the form"), pen, width)
+        }
+        None => foot(model, form, pen, width),
+    }
 }
 
 fn foot(model: &Model, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {

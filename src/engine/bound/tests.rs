@@ -6,7 +6,7 @@ use std::path::Path;
 use holdpoint_approvals::SignedProfileAct;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::decision::ReasonCode;
-use holdpoint_governance::ids::Digest;
+use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::ProfileName;
@@ -15,7 +15,7 @@ use holdpoint_registry::{Change, ContextRules, Store, Transaction, allow_profile
 
 use super::*;
 use crate::people::persons::guarded;
-use crate::tests::{accepted, asked, config};
+use crate::tests::{accepted, asked, at_the_gate, config};
 use crate::world::switch::AskedStop;
 use crate::{Config, Engine, StartError};
 
@@ -131,4 +131,51 @@ fn an_update_that_changes_the_profile_activates_nothing_until_an_administrator_s
     assert!(!is_raised(&engine), "{:?} {:?}", engine.snapshot().alarms, engine.snapshot().unauthorized);
     drop(engine);
     verify(&folder.path().join("holdpoint.db"), Some(&key)).unwrap();
+}
+
+/// A script let a stopped cell go, and registered a version in the name of somebody who had never seen it.
+#[test]
+fn no_script_uses_a_store_that_was_used_where_people_are_at_risk() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(live(folder.path(), ProfileName::Human).unwrap());
+    let end = || Store::open(folder.path()).unwrap().opening().head.seq;
+    let before = end();
+    for profile in ProfileName::ALL {
+        let asked = Config { profile: profile.into(), ..config(folder.path(), "arm7") };
+        let refused = Engine::start(asked).err().unwrap();
+        assert!(matches!(refused, StartError::Store(StoreError::ScriptAfterLive)), "{profile}: {refused}");
+    }
+    assert_eq!(end(), before, "nothing is written");
+    live(folder.path(), ProfileName::Human).unwrap();
+}
+
+/// A version that became active under `sim`, or in a script, stayed in control near people.
+#[test]
+fn a_version_that_was_let_in_by_less_is_taken_off_where_more_is_asked_for() {
+    let id: CapabilityId = "align@1.1.0".parse().unwrap();
+    for scripted in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let sim = |scripted| Engine::start(Config { scripted, ..config(folder.path(), "arm7") }).unwrap();
+        let state = |engine: &Engine| engine.pipeline.record().ledger().version(&id).unwrap().1.state;
+        let mut engine = sim(scripted);
+        at_the_gate(&mut engine.pipeline);
+        while state(&engine) != State::Active && engine.pipeline.record().holding().is_none() {
+            engine.pipeline.advance();
+        }
+        assert_eq!(state(&engine), State::Active);
+        let requester = |engine: &Engine| {
+            engine.pipeline.record().ledger().version(&id).unwrap().2.origin.requester.clone()
+        };
+        assert_eq!(requester(&engine).name() == "rita", scripted, "a script names whom it likes");
+        drop(engine);
+        let engine = sim(false);
+        assert_eq!((state(&engine), requester(&engine).name() == "rita"), (State::Active, false));
+        drop(engine);
+        let engine = live(folder.path(), ProfileName::Human).unwrap();
+        assert_eq!(state(&engine), State::Demoted);
+        let active = engine.pipeline.record().active_of(&id.family).unwrap();
+        assert_eq!(active.id().to_string(), "align@1.0.0");
+        drop(engine);
+        assert_eq!(state(&live(folder.path(), ProfileName::Human).unwrap()), State::Demoted);
+    }
 }

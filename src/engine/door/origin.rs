@@ -72,6 +72,17 @@ impl Doubt {
         }
     }
 
+    /// The answer where nothing was asked of whoever that is.
+    #[must_use]
+    pub fn unasked(self) -> Reply {
+        let hint = "ask again in a moment: the engine takes its name back".to_owned();
+        Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: format!("{self}; nothing was asked of it"),
+            hint: Some(hint),
+        }
+    }
+
     /// What stands for an answer to something that was to be done.
     #[must_use]
     pub fn in_place_of(self, reply: &Reply) -> Reply {

@@ -48,6 +48,9 @@ const STOP_ANSWER_MAX: Duration = Duration::from_secs(1);
 /// How long it may take to keep a stop beside the record.
 const STOP_KEPT_MAX: Duration = Duration::from_secs(1);
 
+/// What becomes of a stop that the engine has not put on record yet.
+const NEXT: &str = "the engine puts it on record next";
+
 /// How often it is looked whether the socket still has its name.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
@@ -66,6 +69,8 @@ pub(super) struct DoorServer {
     pub(super) requests: SyncSender<Incoming>,
     /// What takes authority away has a queue of its own.
     pub(super) braking: SyncSender<Incoming>,
+    /// So have looks, which others' reading does not keep waiting.
+    pub(super) looking: SyncSender<Incoming>,
     pub(super) events: broadcast::Sender<Arc<str>>,
     pub(super) endings: Arc<AtomicUsize>,
     pub(super) cancel: Arc<AtomicBool>,
@@ -228,7 +233,9 @@ impl DoorServer {
                     write(&mut writer, &Answer::Kept).await?;
                 }
                 Read::Call(Call::Scene { address }) => {
-                    let served = self.scenes.get().is_some_and(|serve| serve(address));
+                    // Whoever starts an engine may have it listen for other machines; nobody who asks it may.
+                    let served =
+                        address.ip().is_loopback() && self.scenes.get().is_some_and(|serve| serve(address));
                     write(&mut writer, &Answer::Scene { served }).await?;
                 }
                 Read::Call(Call::Sit { .. }) => {
@@ -262,34 +269,54 @@ impl DoorServer {
             let text = format!("the id of a command has 1 to {ID_BYTES_MAX} bytes, not {}", request.id.len());
             return refused(Refusal::BadInput, &text);
         }
-        let Some(_place) = self.classes.request(&request.command) else { return self.late(stop).await };
+        let Some(_place) = self.classes.request(&request.command) else { return self.late(stop, NEXT).await };
         let (answer, reply) = oneshot::channel();
         let id = request.id.clone();
         // Here and now as well: who is at work under that version is so no more, whatever the engine is at.
         self.switch.brake(&request);
         let brakes = request.command.takes_authority_away();
-        let queue = if brakes { &self.braking } else { &self.requests };
+        let looks = matches!(request.command, Command::Snapshot | Command::Question { .. });
+        let queue = match (brakes, looks) {
+            (true, _) => &self.braking,
+            (false, true) => &self.looking,
+            (false, false) => &self.requests,
+        };
         match queue.try_send(Incoming::Request(request, caller.clone(), answer)) {
             // An engine that waits for something wakes by it; a full queue wakes it just as well.
-            Ok(()) if brakes => drop(self.requests.try_send(Incoming::Wake)),
+            Ok(()) if brakes || looks => drop(self.requests.try_send(Incoming::Wake)),
             Ok(()) => {}
             Err(TrySendError::Full(_)) => {
                 self.switch.taken(&id);
-                return self.late(stop).await;
+                return self.late(stop, NEXT).await;
             }
-            Err(TrySendError::Disconnected(_)) => return refused(Refusal::NotNow, "the engine has ended"),
+            Err(TrySendError::Disconnected(_)) => return self.ended(stop).await,
         }
         // An engine that ends drops what waits; whoever comes first says so.
         tokio::select! {
             biased;
-            reply = reply => reply.unwrap_or_else(|_| refused(Refusal::NotNow, "the engine is ending")),
-            () = self.stop.cancelled() => refused(Refusal::NotNow, "the engine is ending"),
-            () = tokio::time::sleep(STOP_ANSWER_MAX), if stop.is_some() => self.late(stop).await,
+            reply = reply => match reply {
+                Ok(reply) => reply,
+                Err(_) => self.ended(stop).await,
+            },
+            () = self.stop.cancelled() => self.ended(stop).await,
+            () = tokio::time::sleep(STOP_ANSWER_MAX), if stop.is_some() => self.late(stop, NEXT).await,
         }
     }
 
-    /// The answer for somebody whom the engine does not answer in time: a stop is kept beside the record meanwhile.
-    async fn late(&self, stop: Option<AskedStop>) -> Reply {
+    /// The answer where the engine ends: nothing works any more, and a stop is kept for the next engine.
+    async fn ended(&self, stop: Option<AskedStop>) -> Reply {
+        match stop {
+            Some(_) => self.late(stop, "this engine ends, and the next one puts it on record").await,
+            None => {
+                let text = "the engine is ending".to_owned();
+                Reply::Refused { code: Refusal::NotNow, text, hint: None }
+            }
+        }
+    }
+
+    /// The answer for somebody whom the engine does not answer in time: a stop is kept beside the record meanwhile, until
+    /// what is `next`.
+    async fn late(&self, stop: Option<AskedStop>, next: &'static str) -> Reply {
         let Some(asked) = stop else {
             return Reply::Refused {
                 code: Refusal::NotNow,
@@ -297,7 +324,6 @@ impl DoorServer {
                 hint: Some("try again in a moment; `stop` needs no place".to_owned()),
             };
         };
-        let next = "the engine puts it on record next";
         // As long as one waits, the first of them is kept, which stops the next engine for all.
         let first = self.switch.first_asked();
         let marks = self.marks.clone();

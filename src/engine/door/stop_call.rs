@@ -9,7 +9,7 @@ use super::DoorError;
 use super::client::Client;
 use crate::stop_mark::{self, OwnMark};
 use holdpoint_approvals::Nonce;
-use holdpoint_protocol::command::{Command, Reply, Request};
+use holdpoint_protocol::command::{Command, Reply, Request, StopKept};
 use holdpoint_registry::{Layout, LockHolder, lock_holder};
 use holdpoint_text::Hint as _;
 
@@ -114,14 +114,19 @@ impl StopCall {
         loop {
             if said.is_none() {
                 match next(&told) {
-                    Some(Said::Engine(reply)) => return StopOutcome::Answered(reply),
+                    Some(Said::Engine(reply)) => {
+                        mark.settle(layout, self, &reply);
+                        return StopOutcome::Answered(reply);
+                    }
                     Some(Said::Nothing(why)) => said = Some(why),
                     None => {}
                 }
             } else {
                 std::thread::sleep(LOOK_EVERY);
             }
-            mark.put(layout, self);
+            if taken.is_none() {
+                mark.put(layout, self);
+            }
             let holder = lock_holder(layout.folder());
             if holder == LockHolder::Nobody && said.is_some() {
                 return StopOutcome::NoEngine;
@@ -177,29 +182,46 @@ struct AskedMark {
     problem: Option<String>,
     /// Whether it is of no use to try again.
     refused: bool,
-    /// The mark of another stop, which lies in the place.
-    other: Option<OwnMark>,
+    /// Whether the own one was not there at the last look.
+    was_removed: bool,
+    /// Whether it was put there again.
+    again: bool,
 }
 
 impl AskedMark {
-    /// Puts it there, unless it lies there already. Where another stop is asked for meanwhile, it waits for its turn.
+    /// Puts it there, unless it lies there already. Where another stop is asked for meanwhile, it waits for its turn. Where it
+    /// was removed and no engine has taken it, it is put there again.
     fn put(&mut self, layout: &Layout, stop: &StopCall) {
-        if self.own.is_some() || self.refused {
+        if let Some(own) = &self.own {
+            // An engine that removes it shares its lock first; the next look sees that.
+            if !std::mem::replace(&mut self.was_removed, own.is_removed()) || !self.was_removed {
+                return;
+            }
+            (self.own, self.was_removed, self.again) = (None, false, true);
+        }
+        if self.refused {
             return;
         }
         match OwnMark::put(layout, &stop.request.id, &stop.by, &stop.reason) {
             Ok(own) => (self.own, self.problem) = (Some(own), None),
             Err(error) => {
-                let in_the_way = error.kind() == ErrorKind::AlreadyExists;
-                self.refused = !in_the_way;
+                self.refused = error.kind() != ErrorKind::AlreadyExists;
                 self.problem = Some(error.to_string());
-                self.other = in_the_way.then(|| OwnMark::of_another(layout).ok()).flatten();
             }
         }
     }
 
+    /// Takes away what was put there again, where the stop is on record or kept beside it.
+    fn settle(&self, layout: &Layout, stop: &StopCall, reply: &Reply) {
+        let is_kept = matches!(reply, Reply::Stopped { kept, .. } if *kept != StopKept::InMemory);
+        if self.again && is_kept {
+            stop.withdraw(layout);
+        }
+    }
+
     fn is_taken_by(&self, process: i32) -> bool {
-        self.own.as_ref().or(self.other.as_ref()).is_some_and(|mark| mark.is_shared_by(process))
+        // By its own mark alone: the lock of another's may be shared for a stop that is over.
+        self.own.as_ref().is_some_and(|mark| mark.is_shared_by(process))
     }
 }
 

@@ -35,6 +35,10 @@ impl Clocks for Machine {
     fn read(&self) -> ClockReading {
         *self.0.lock().unwrap()
     }
+
+    fn boot(&self) -> String {
+        "one start".to_owned()
+    }
 }
 
 impl Machine {
@@ -254,6 +258,46 @@ fn a_clock_behind_the_newest_record_is_not_believed() {
     resume(&mut second, &id);
     work(&mut second, &id);
     assert_eq!(state(&second, &id), State::Active);
+}
+
+/// A question that had run out was open again.
+#[test]
+fn a_clock_that_was_set_while_no_engine_ran_is_not_believed() {
+    for set_ms in [-50 * MINUTE_MS, 50 * MINUTE_MS] {
+        let folder = tempfile::tempdir().unwrap();
+        let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+        let mut first = engine(folder.path(), &sim, &machine);
+        // What is believed is kept where an engine begins and ends its work, and where a person confirms the time.
+        machine.set(MINUTE_MS);
+        accepted(&confirm(&mut first, machine.said()));
+        drop(first);
+        machine.pass(60 * MINUTE_MS);
+        let second = engine(folder.path(), &sim, &machine);
+        assert_eq!(second.snapshot().clock_doubt, None, "an hour later");
+        drop(second);
+        machine.set(set_ms);
+        let third = engine(folder.path(), &sim, &machine);
+        let doubt = third.snapshot().clock_doubt.map(|doubt| doubt.doubt);
+        assert_eq!(doubt, Some(ClockDoubt::Jumped { by_ms: set_ms }));
+    }
+}
+
+/// Whoever waits for a decision had their own deadlines put off.
+#[test]
+fn whoever_has_a_version_that_waits_confirms_no_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, human) = (Machine::new(), builtin(ProfileName::Human));
+    let mut pipeline = engine(folder.path(), &human, &machine);
+    let id = asked(&mut pipeline, PolicyOutcome::Review, Vec::new());
+    machine.set(-10 * MINUTE_MS);
+    let by = |by: &str| {
+        let (by, reason) = (by.to_owned(), "held against the hall's clock".to_owned());
+        Command::ConfirmTime { by, reason, time: machine.said() }
+    };
+    let refused = pipeline.command(by("rita"));
+    let Reply::Refused { code: Refusal::NotAllowed, text, .. } = &refused else { panic!("{refused:?}") };
+    assert!(text.contains(&id.to_string()), "{text}");
+    accepted(&pipeline.command(by("ana")));
 }
 
 /// It was a way around the gate, which holds every version meanwhile.

@@ -64,7 +64,7 @@ impl Attached {
         let (folder, of) = (layout.clone(), own.clone());
         let (answers, places) = (told.clone(), Arc::clone(&outstanding));
         thread("attached-asker")
-            .spawn(move || pass_on((&folder, &of), &asked, &answers, &places))
+            .spawn(move || pass_on((&folder, &of, doubt), &asked, &answers, &places))
             .map_err(failed)?;
         Ok(Self {
             layout: layout.clone(),
@@ -110,9 +110,9 @@ impl Attached {
         if request.command.stops_what_acts() || request.command.stops_the_arm() {
             let (layout, told, places) =
                 (self.layout.clone(), self.told.clone(), Arc::clone(&self.outstanding));
-            let (alone, own) = (request.clone(), self.own.clone());
+            let (alone, own, doubt) = (request.clone(), self.own.clone(), self.doubt);
             let spawned = std::thread::Builder::new().name("attached-stop".to_owned()).spawn(move || {
-                answer(&mut None, (&layout, &own), alone, &told, placed.then_some(&*places));
+                answer(&mut None, (&layout, &own, doubt), alone, &told, placed.then_some(&*places));
             });
             if spawned.is_ok() {
                 return Ok(());
@@ -185,7 +185,7 @@ fn read(mut attachment: Attachment, (told, snapshots, pictures): &Shows) {
 
 /// Asks one thing after the other, until nobody asks any more.
 fn pass_on(
-    to: (&Layout, &Nonce),
+    to: (&Layout, &Nonce, Option<Doubt>),
     asked: &Receiver<Request>,
     told: &mpsc::Sender<Update>,
     places: &AtomicUsize,
@@ -198,7 +198,7 @@ fn pass_on(
 
 fn answer(
     client: &mut Option<Client>,
-    (layout, own): (&Layout, &Nonce),
+    (layout, own, seat): (&Layout, &Nonce, Option<Doubt>),
     request: Request,
     told: &mpsc::Sender<Update>,
     places: Option<&AtomicUsize>,
@@ -208,7 +208,7 @@ fn answer(
     let reply = if let Command::Stop { by, reason } = sent.command {
         stop(&StopCall::with_id(sent.id, by, reason), layout)
     } else {
-        ask(client, layout, sent).unwrap_or_else(|error| Reply::refused(code(&error), &error))
+        ask(client, (layout, seat), sent).unwrap_or_else(|error| Reply::refused(code(&error), &error))
     };
     if let Some(places) = places {
         give_place_back(places);
@@ -218,14 +218,24 @@ fn answer(
 }
 
 /// Asks over the connection there is, or a new one. The engine closes what was silent for long: that is tried once more, and
-/// carries out an id only once.
-fn ask(client: &mut Option<Client>, layout: &Layout, request: Request) -> Result<Reply, DoorError> {
+/// carries out an id only once. The screen marks what is read where the seat itself is doubted; otherwise nothing is asked of
+/// whoever is not known to be the engine.
+fn ask(
+    client: &mut Option<Client>,
+    (layout, seat): (&Layout, Option<Doubt>),
+    request: Request,
+) -> Result<Reply, DoorError> {
     let ended = || DoorError::Ended { path: crate::door::socket_path(layout) };
     let mut connection = match client.take() {
         Some(connection) => connection,
         None => Client::connect(layout)?.ok_or_else(ended)?,
     };
-    let reads = request.command.only_reads();
+    let (reads, takes) = (request.command.only_reads(), request.command.takes_authority_away());
+    if let Some(doubt) = connection.doubt()
+        && (seat.is_none() || !(reads || takes))
+    {
+        return Ok(doubt.unasked());
+    }
     let reply = connection.ask_request(request)?;
     let doubt = connection.doubt();
     *client = Some(connection);

@@ -6,7 +6,9 @@ use crate::doubted_clock;
 use crate::fault::Fault;
 use crate::goal;
 use crate::halt;
+use crate::monitors::Watched;
 use crate::operations::{self, LastVersion, accepted, checked};
+use crate::origin;
 use crate::people::approvals::PendingQuestion;
 use crate::people::signed_calls::{self, Signer};
 use crate::people::{persons, questions};
@@ -35,6 +37,15 @@ fn refuse_held(why: &str) -> Reply {
 }
 
 /// Nothing that gives or widens authority is done under a profile that nobody authorized.
+/// Whoever stopped the cell is not told by it who takes the arm once it is let go.
+fn refuse_while_stopped(id: &CapabilityId) -> Reply {
+    Reply::Refused {
+        code: Refusal::NotNow,
+        text: format!("the cell is stopped, and {id} does not become active meanwhile"),
+        hint: Some("a person lets it work first: `holdpoint go`".to_owned()),
+    }
+}
+
 fn refuse_unauthorized(why: &str) -> Reply {
     Reply::Refused { code: Refusal::NotNow, text: why.to_owned(), hint: None }
 }
@@ -182,7 +193,23 @@ impl Pipeline {
                 if let Some(why) = &self.context.unauthorized {
                     return Ok(refuse_unauthorized(why));
                 }
-                operations::rearm(&self.context, &mut self.record, &operation)
+                if self.world.is_halted() {
+                    return Ok(refuse_while_stopped(&operation.version));
+                }
+                let dossier = self.dossiers.of(&operation.version);
+                let watched = match Watched::again(&operation.version, &self.record, dossier, &self.context) {
+                    Ok(watched) => watched,
+                    // It has no shadow evidence any more.
+                    Err(Fault::Impossible(text)) => {
+                        return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
+                    }
+                    Err(fault) => return Err(fault),
+                };
+                let reply = operations::rearm(&self.context, &mut self.record, &operation)?;
+                if matches!(reply, Reply::Accepted { .. }) {
+                    watched.into_iter().for_each(|watched| self.monitors.insert(watched));
+                }
+                Ok(reply)
             }
             Command::Drift { kind, magnitude } => operations::drift(record, world, kind, magnitude),
             Command::LiveFault { fault } => operations::live_fault(record, world, fault),
@@ -336,6 +363,18 @@ impl Pipeline {
         if profiles.is_empty() {
             let (mut live, approvals) = self.live_and_approvals();
             return release::release(&mut live, approvals, operation);
+        }
+        let persons = self.record.ledger().store().persons()?;
+        let (_, _, member) = self.record.ledger().version(&operation.version)?;
+        if origin::is_of(&persons, member, &operation.by) {
+            return Ok(Reply::Refused {
+                code: Refusal::NotAllowed,
+                text: format!(
+                    "{} registered or wrote {}: somebody else opens it",
+                    operation.by, operation.version
+                ),
+                hint: None,
+            });
         }
         let reply = release::set_profiles(&mut self.record, operation, profiles, false)?;
         if matches!(reply, Reply::Accepted { .. }) {

@@ -160,10 +160,10 @@ impl Activation<'_> {
                 dossier.held = true;
                 clear_alarm(self.record, id, None);
                 if self.record.ledger().version(id)?.1.flags.running.is_some() {
-                    let why = "nobody answered in time; the version is held";
+                    let why = "too few people answered in time; the version is held";
                     abort_stage(self.record, self.dossiers, id, why)?;
                 }
-                Ok(format!("{id} is held: nobody answered in time"))
+                Ok(format!("{id} is held: too few people answered in time"))
             }
         }
     }

@@ -34,6 +34,13 @@ impl Activation<'_> {
     pub(crate) fn break_glass(&mut self, signed: SignedApproval) -> Result<Reply, Fault> {
         // Before anything is written.
         self.agent.check()?;
+        if self.cell_stands {
+            return Ok(Reply::Refused {
+                code: Refusal::NotNow,
+                text: "the cell is stopped, and nothing is let in meanwhile".to_owned(),
+                hint: Some("a person lets it work first: `holdpoint go`".to_owned()),
+            });
+        }
         let checked = emergencies::check(self.context, self.record, self.dossiers, self.approvals, signed)?;
         let emergency = match checked {
             Ok(emergency) => emergency,

@@ -93,7 +93,7 @@ pub(crate) fn settle(
         }
         ApprovalOutcome::TimedOut | ApprovalOutcome::NotNeeded => {
             lapse(live.context, live.record, approvals, id)?;
-            Ok(format!("{id} stays restricted: nobody answered in time"))
+            Ok(format!("{id} stays restricted: too few people answered in time"))
         }
     }
 }
@@ -105,7 +105,14 @@ pub(crate) fn lapse(
     approvals: &mut Approvals,
     id: &CapabilityId,
 ) -> Result<(), Fault> {
-    close(context, record, approvals, id, RequestState::Expired, "nobody answered; it stays restricted")
+    close(
+        context,
+        record,
+        approvals,
+        id,
+        RequestState::Expired,
+        "too few people answered in time; it stays restricted",
+    )
 }
 
 fn close(

@@ -24,6 +24,7 @@ use crate::dossier::Dossiers;
 use crate::fault::Fault;
 use crate::ledger::{LedgerError, Note};
 use crate::monitors::Monitors;
+use crate::monitors::Watched;
 use crate::record::Record;
 use crate::world::LiveWorld;
 use crate::world::descent::Descent;
@@ -112,6 +113,15 @@ impl Rollback<'_> {
         if !is_ready {
             return self.safe_stop(id, version, record).map(|()| None);
         }
+        // Without a live monitor no tick runs under a provisional version.
+        let dossier = self.dossiers.of(&predecessor.id());
+        let Ok(watched) = Watched::again(&predecessor.id(), self.record, dossier, self.context) else {
+            let text =
+                format!("no monitor can be set up for {}, whose window is not passed", predecessor.id());
+            let failed = Some(RungFailure::PredecessorFailed);
+            rung(self.record, &mut record, Rung::ReadyPredecessor, failed, &text);
+            return self.safe_stop(id, version, record).map(|()| None);
+        };
         record.post_status = leave.into();
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
@@ -123,6 +133,7 @@ impl Rollback<'_> {
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
             Ok(_) => {
+                watched.into_iter().for_each(|watched| self.monitors.insert(watched));
                 let text = self.give_up(record.in_flight);
                 rung(self.record, &mut record, Rung::SwapBinding, None, &text);
             }

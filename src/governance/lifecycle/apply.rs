@@ -453,10 +453,15 @@ impl<R: Rules> ApplyStep<R> {
             }
             if supersede {
                 replaced.state = State::Superseded;
+                replaced.left_restricted = replaced.flags.restricted;
+                replaced.left_provisional = replaced.flags.provisional;
                 replaced.flags = Flags::default();
             }
         }
-        self.enter(version, old)
+        self.enter(version, old)?;
+        let entered = self.version(version)?;
+        (entered.left_restricted, entered.left_provisional) = (false, false);
+        Ok(())
     }
 
     /// No review of an emergency activation is open.
@@ -474,6 +479,19 @@ impl<R: Rules> ApplyStep<R> {
         found.predecessor = predecessor;
         found.gate = None;
         found.approval = None;
+        Ok(())
+    }
+
+    /// Gives control back to a version that had it, as provisional and as restricted as it was.
+    fn enter_again(&mut self, version: VersionRef) -> Result<(), Refusal> {
+        let before = self.family.restorable_predecessor(version);
+        self.enter(version, before)?;
+        let rules = self.rules;
+        let found = self.version(version)?;
+        let [provisional, restricted] =
+            [&mut found.left_provisional, &mut found.left_restricted].map(std::mem::take);
+        found.flags.provisional = provisional && rules.demand(LifecycleRule::WindowOutlives);
+        found.flags.restricted = restricted && rules.demand(LifecycleRule::RestrictionOutlives);
         Ok(())
     }
 
@@ -510,10 +528,7 @@ impl<R: Rules> ApplyStep<R> {
         self.version(version)?.leave(to);
         self.left(version);
         if rules.demand(LifecycleRule::RestorePredecessor) {
-            let before = self.family.restorable_predecessor(target);
-            self.enter(target, before)?;
-            // It was confirmed before, or its own window went on: it is known, not provisional.
-            self.version(target)?.flags.provisional = false;
+            self.enter_again(target)?;
         }
         Ok(())
     }
@@ -551,10 +566,14 @@ impl<R: Rules> ApplyStep<R> {
                 let why = "a superseded version comes first, and a demoted one only if it was active before";
                 return Err(Refusal::Condition { why });
             }
+            let is_first = version == VersionRef(0);
+            let by_gate = self.family.needs_approval && self.rules.demand(LifecycleRule::RearmThroughGate);
+            if by_gate && !is_first {
+                let why = "where people decide, a demoted version comes back through the gate: re-arm the family's first version";
+                return Err(Refusal::Condition { why });
+            }
         }
-        let before = self.family.restorable_predecessor(version);
-        self.enter(version, before)?;
-        self.version(version)?.flags.provisional = false;
+        self.enter_again(version)?;
         self.family.safe_stopped = false;
         Ok(())
     }

@@ -136,6 +136,12 @@ pub(super) enum LifecycleRule {
     BindRelease,
     /// A demoted version is re-armed only if it was in control before.
     RearmActedOnly,
+    /// Where people decide, a demoted version other than the family's first comes back through the gate.
+    RearmThroughGate,
+    /// A restricted version that comes back into control without the gate is restricted.
+    RestrictionOutlives,
+    /// A version that comes back into control without the gate is provisional if its window was not passed.
+    WindowOutlives,
     /// A stage is repeated on a candidate, not on a version in control.
     RepeatOffControl,
     /// Every change is reported, so that it can be written.

@@ -1,6 +1,8 @@
 //! Stopping: one key, from everywhere, without a question, and back to work only with a reason.
 
 use super::*;
+use crate::form::FormFocus;
+use holdpoint_protocol::snapshot::StopAgain;
 
 fn stops(effects: &[Effect]) -> bool {
     matches!(effects, [Effect::Ask { question: Question::Stop { .. }, .. }])
@@ -61,6 +63,53 @@ fn going_on_needs_a_name_and_a_reason() {
             stops: 1
         }
     );
+}
+
+/// In a small window the form named two of five who had stopped the cell, and let it go for all of them.
+#[test]
+fn a_form_that_does_not_fit_is_read_to_its_end_first() {
+    let mut console = TestConsole::new(0);
+    let mut stopped = StoppedView::first("bo".to_owned(), Caller::Script, "r ".repeat(80), 1_000);
+    for at_ms in [2_000, 3_000, 4_000] {
+        let (by, reason) = ("cy".to_owned(), "he is at the far side and cannot be seen ".repeat(3));
+        stopped.note_again(StopAgain { by, caller: Caller::Script, reason, at_ms });
+    }
+    let (by, reason) = ("dora".to_owned(), "I AM INSIDE THE CELL".to_owned());
+    stopped.note_again(StopAgain { by, caller: Caller::Script, reason, at_ms: 5_000 });
+    let mut now = snapshot(0, 'e');
+    now.stopped = Some(stopped);
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    let size = (60, 16);
+    let shown = |console: &TestConsole| {
+        let look = Look::new(Theme::builtin("mono").unwrap(), Depth::Mono, Glyphs::Ascii);
+        let model = Model { size, ..console.model.clone() };
+        crate::frame::text_of(&model, &look, size.0, size.1)
+    };
+    let confirms = |console: &mut TestConsole| {
+        let Some(Overlay::Form(form)) = &mut console.model.entry.overlay else { panic!("a form is open") };
+        form.focus = FormFocus::Confirm;
+        console.press(KeyCode::Enter)
+    };
+    console.keys("Wthe cell is empty");
+    console.draw(size);
+    let screen = shown(&console);
+    assert!(screen.contains("make sure that nobody is in") && screen.contains("more below"), "{screen}");
+    assert!(!screen.contains("INSIDE"), "{screen}");
+    assert!(confirms(&mut console).is_empty(), "it is not read yet");
+    assert!(shown(&console).contains("to its end first"), "{}", shown(&console));
+    let mut read = String::new();
+    for _ in 0..12 {
+        console.press(KeyCode::PageDown);
+        console.draw(size);
+        read.push_str(&shown(&console));
+    }
+    assert!(read.contains("INSIDE THE CELL") && !shown(&console).contains("more below"), "{read}");
+    assert!(matches!(confirms(&mut console)[..], [Effect::Operate { .. }]));
+    // Where the form cannot be drawn at all, nothing of it is confirmed.
+    console.model.entry.overlay = None;
+    console.keys("Wthe cell is empty");
+    console.draw((40, 4));
+    assert!(confirms(&mut console).is_empty());
 }
 
 /// What the agent works towards is asked for with a reason, as whatever a person answers for.

@@ -3,6 +3,7 @@
 
 use holdpoint_approvals::SignedAuthorship;
 use holdpoint_governance::approval::Requester;
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::risk::RiskCause;
@@ -72,6 +73,41 @@ fn who_registered_a_version_does_not_approve_it_after_a_restart_either() {
     assert_eq!(second.record().ledger().version(&id).unwrap().1.state, State::Shadowed, "one of two");
     assert!(matches!(approve(&mut second, &sam), Reply::Accepted { .. }));
     assert!(second.snapshot().prompts.is_empty(), "two others are enough");
+}
+
+/// One person demoted a version, stopped its family and armed it again with that version: unwatched, and not restricted any more.
+#[test]
+fn nobody_alone_brings_a_demoted_version_back_or_ends_a_restriction() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let [ben, sam] = ["ben", "sam"].map(|name| person(&mut pipeline, name, Role::Safety));
+    let id = asked(&mut pipeline, PolicyOutcome::Review, Vec::new());
+    approve(&mut pipeline, &ben);
+    approve(&mut pipeline, &sam);
+    let standing = |pipeline: &Pipeline, id: &CapabilityId| {
+        let (_, standing, _) = pipeline.record().ledger().version(id).unwrap();
+        (standing.state, standing.flags.restricted)
+    };
+    while standing(&pipeline, &id).0 != State::Active && pipeline.record().holding().is_none() {
+        pipeline.advance();
+    }
+    assert_eq!(standing(&pipeline, &id), (State::Active, false));
+    let of = |version: &CapabilityId| Operation {
+        version: version.clone(),
+        by: "rita".to_owned(),
+        reason: "a test".to_owned(),
+    };
+    let first: CapabilityId = "align@1.0.0".parse().unwrap();
+    let mut done = |command| said(&pipeline.command(command)).to_owned();
+    done(Command::Demote { operation: of(&id), profiles: Vec::new() });
+    done(Command::Restrict(of(&first)));
+    done(Command::Vacate(of(&first)));
+    let refused = done(Command::Rearm(of(&id)));
+    assert!(refused.contains("comes back through the gate"), "{refused}");
+    let taken = done(Command::Rearm(of(&first)));
+    assert!(taken.contains("active again"), "{taken}");
+    assert_eq!(standing(&pipeline, &id), (State::Demoted, false));
+    assert_eq!(standing(&pipeline, &first), (State::Active, true), "it is as restricted as it was");
 }
 
 /// `estimated_risk = "low"` made one approval enough, for whatever was submitted.

@@ -500,7 +500,10 @@ fn a_swap_that_cannot_be_written_ends_the_ladder() {
 #[test]
 fn a_predecessor_that_is_no_safer_is_said() {
     let mut bench = Bench::new();
-    bench.activate("align-low-transit");
+    let before = bench.activate("align-low-transit");
+    let version = bench.pipeline.record().ledger().version(&before).unwrap().0;
+    let confirm = LifecycleEvent::Confirm { version };
+    bench.pipeline.live().record.transition(&before.family, confirm, Note::because("test")).unwrap();
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);
     bench.assert_restored(&record);
@@ -556,4 +559,23 @@ fn an_idle_arm_whose_telemetry_is_lost_is_not_forgotten() {
     assert_eq!(steps, 3);
     let record = bench.record();
     assert_eq!(record.trigger.kind, TriggerKind::TelemetrySilence);
+}
+
+/// An unsigned rollback ended the predecessor's restriction, and let its window count as passed.
+#[test]
+fn a_predecessor_comes_back_as_restricted_and_as_watched_as_it_left() {
+    let mut bench = Bench::new();
+    let before = bench.activate("align-improved");
+    let operation =
+        Operation { version: before.clone(), by: "ann".to_owned(), reason: "too fast here".to_owned() };
+    let reply = bench.pipeline.command(Command::Restrict(operation));
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let id = bench.activate("align-low-transit");
+    assert!(bench.pipeline.live().monitors.of(&before).is_none());
+    bench.by_operator(&id);
+    let (_, standing, _) = bench.pipeline.record().ledger().version(&before).unwrap();
+    assert_eq!(standing.state, State::Active);
+    assert!(standing.flags.restricted && standing.flags.provisional, "{standing:?}");
+    let watched = bench.pipeline.live().monitors.of(&before).map(|watched| watched.restricted);
+    assert_eq!(watched, Some(true));
 }

@@ -75,6 +75,16 @@ fn close(id: &CapabilityId, profile: ProfileName) -> Command {
     Command::Demote { operation: operation(id), profiles: vec![profile] }
 }
 
+/// A profile of the class that the versions were let in under, with the people of `human`.
+fn asking() -> Profile {
+    let human = Profile::builtin(ProfileName::Human).unwrap();
+    Profile {
+        approval: human.approval,
+        activation: human.activation,
+        ..Profile::builtin(ProfileName::Sim).unwrap()
+    }
+}
+
 fn baseline() -> CapabilityId {
     "align@1.0.0".parse().unwrap()
 }
@@ -141,8 +151,7 @@ const SETTINGS: [Setting; 29] = [
     }),
     ("active, restricted, people are asked to release it", |bench| {
         let id = bench.activate(CANDIDATE);
-        let human = Profile::builtin(ProfileName::Human).unwrap();
-        *bench = std::mem::replace(bench, Bench::new()).reopened(human);
+        *bench = std::mem::replace(bench, Bench::new()).reopened(asking());
         done(bench, Command::Restrict(operation(&id)));
         done(bench, Command::Release { operation: operation(&id), profiles: Vec::new() });
         id
@@ -391,7 +400,7 @@ fn a_released_version_is_confirmed_after_a_window_of_its_own() {
 fn people_release_a_version_where_activations_are_bound_to_them() {
     let mut bench = Bench::new();
     let id = bench.activate(CANDIDATE);
-    let mut bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
+    let mut bench = bench.reopened(asking());
     done(&mut bench, Command::Restrict(operation(&id)));
     let restricted =
         |bench: &Bench| bench.pipeline.record().ledger().version(&id).unwrap().1.flags.restricted;
