@@ -307,7 +307,7 @@ fn nothing_is_signed_for_an_impostor() {
     let folder = tempfile::tempdir().unwrap();
     let served = Served::start(folder.path());
     let impostor = Impostor::start(&served.layout());
-    for verb in [&["go"][..], &["confirm-time"], &["resume", "grasp@1.0.0"], &["rearm", "grasp@1.0.0"]] {
+    for verb in [&["go"][..], &["confirm-time"], &["resume", "grasp"], &["rearm", "grasp@1.0.0"]] {
         let done = served.verb(&[verb, &["--as", "admin", "--reason", "all is clear"]].concat());
         assert_eq!(done.status.code(), Some(6), "{verb:?}: {}", said(&done));
         assert!(said(&done).contains("nothing was signed"), "{verb:?}: {}", said(&done));
