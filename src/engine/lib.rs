@@ -324,17 +324,9 @@ impl Engine {
             omitted,
         };
         let pipeline = Pipeline::new(settings, ledger, clock, baselines).map_err(|fault| match fault {
-            // Nobody failed: the store refuses the profile, or somebody writes to it besides.
-            Fault::Store(
-                error @ (StoreError::UnauthorizedProfile { .. }
-                | StoreError::ScriptAfterLive
-                | StoreError::Altered(_)),
-            )
-            | Fault::Ledger(LedgerError::Store(
-                error @ (StoreError::UnauthorizedProfile { .. }
-                | StoreError::ScriptAfterLive
-                | StoreError::Altered(_)),
-            )) => error.into(),
+            Fault::Store(error) | Fault::Ledger(LedgerError::Store(error)) if error.refuses_start() => {
+                error.into()
+            }
             fault => StartError::Fault(fault),
         })?;
         // Much was read since the tables were compared, the profile that is in force for one.

@@ -511,3 +511,24 @@ impl Version {
 
 #[cfg(test)]
 mod walk;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a person alone would get rid of by evaluating it again and demoting it.
+    #[test]
+    fn how_a_version_left_control_outlives_its_evaluation() {
+        let mut version = Version::new(State::Active);
+        (version.flags.restricted, version.flags.provisional) = (true, true);
+        for to in [State::Demoted, State::Sandboxed, State::Demoted] {
+            match to {
+                State::Sandboxed => version.state = to,
+                _ => version.leave(to),
+            }
+            assert!(version.left_restricted && version.left_provisional, "{to}");
+        }
+        version.leave(State::Rejected);
+        assert!(!version.left_restricted && !version.left_provisional);
+    }
+}

@@ -127,6 +127,14 @@ pub enum StoreError {
     Failpoint(&'static str),
 }
 
+impl StoreError {
+    /// Whether a start was refused, and nobody failed: for the profile, for a script, or for somebody who writes to the store besides.
+    #[must_use]
+    pub const fn refuses_start(&self) -> bool {
+        matches!(self, Self::UnauthorizedProfile { .. } | Self::ScriptAfterLive | Self::Altered(_))
+    }
+}
+
 impl Hint for StoreError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {

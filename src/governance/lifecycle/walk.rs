@@ -589,19 +589,3 @@ fn every_rule_is_needed() {
         assert!(found.is_some(), "the walk does not notice that {rule:?} is missing");
     }
 }
-
-/// What a person alone would get rid of by evaluating it again and demoting it.
-#[test]
-fn how_a_version_left_control_outlives_its_evaluation() {
-    let mut version = Version::new(State::Active);
-    (version.flags.restricted, version.flags.provisional) = (true, true);
-    for to in [State::Demoted, State::Sandboxed, State::Demoted] {
-        match to {
-            State::Sandboxed => version.state = to,
-            _ => version.leave(to),
-        }
-        assert!(version.left_restricted && version.left_provisional, "{to}");
-    }
-    version.leave(State::Rejected);
-    assert!(!version.left_restricted && !version.left_provisional);
-}
