@@ -232,7 +232,7 @@ fn a_passphrase_is_typed_twice_and_never_shown() {
     assert_eq!(console.end().exit_code(), 0);
     assert!(!console.raw().contains("oak") && !console.raw().contains("under"), "{}", console.raw());
     // A verb that signs asks, and says what is wrong.
-    home.must(&["stop"]);
+    assert_eq!(home.run(&["stop"]).status.code(), Some(6), "no engine is at work");
     let go = || home.console(&["go", "--as", "mara", "--stops", "1", "--reason", "checked"], SIZE);
     let mut console = go();
     console.wait_for_text("Passphrase of mara:");

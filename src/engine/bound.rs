@@ -269,15 +269,10 @@ pub(crate) fn set_context(
     if same && on_record == Some(rules.digest) && !left_by_a_script {
         return Ok(ContextSet::InForce(None));
     }
-    // What a script's people approved is nobody's approval here.
-    let voids = left_by_a_script || !same || on_record.is_some_and(|digest| digest != rules.digest);
+    let voids = !same || on_record.is_some_and(|digest| digest != rules.digest);
     let reason = before.as_ref().map_or_else(
         || "a profile, policies and a robot are in force for the first time".to_owned(),
-        |before| match same && left_by_a_script {
-            true => "a script used the store before: what its people approved and what it measured is void"
-                .to_owned(),
-            false => what_changed(before, context),
-        },
+        |before| what_changed(before, context),
     );
     let json = serde_json::to_string(&ContextRecord {
         agent: Some(agent),

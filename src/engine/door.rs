@@ -177,6 +177,10 @@ pub struct Door {
     braking: Receiver<Incoming>,
     /// What every verb asks first, and costs little.
     looking: Receiver<Incoming>,
+    /// Whether the next turn is a look's.
+    looks_next: bool,
+    /// Whether a wake is on its way.
+    woken: Arc<AtomicBool>,
     waiting: Option<Incoming>,
     later: Vec<(String, oneshot::Sender<Reply>)>,
     /// What waits for the engine to come up.
@@ -225,6 +229,7 @@ impl Door {
         let (sender, incoming) = sync_channel(REQUESTS_MAX);
         let (brakes, braking) = sync_channel(REQUESTS_MAX);
         let (looks, looking) = sync_channel(REQUESTS_MAX);
+        let woken = Arc::<AtomicBool>::default();
         let (events, _) = broadcast::channel(EVENTS_KEPT);
         let endings = Arc::new(AtomicUsize::new(0));
         let stop = CancellationToken::new();
@@ -236,6 +241,7 @@ impl Door {
             requests: sender,
             braking: brakes,
             looking: looks,
+            woken: Arc::clone(&woken),
             events: events.clone(),
             endings: Arc::clone(&endings),
             cancel,
@@ -256,6 +262,8 @@ impl Door {
             incoming,
             braking,
             looking,
+            looks_next: true,
+            woken,
             waiting: None,
             later: Vec::new(),
             early: Vec::new(),
@@ -365,10 +373,19 @@ impl Door {
         self.braking.try_recv().ok()
     }
 
-    /// Looks first: whoever reads evidence without pause keeps no verb from beginning.
+    /// Looks and whatever else there is, in turn: whoever reads evidence without pause keeps no verb from beginning, and
+    /// whoever looks without pause keeps none from ending.
     fn next_other(&mut self) -> Option<Incoming> {
-        let look = self.looking.try_recv().ok();
-        look.or_else(|| self.waiting.take()).or_else(|| self.incoming.try_recv().ok())
+        let look = |door: &Self| door.looking.try_recv().ok();
+        let other = |door: &mut Self| {
+            let next = door.waiting.take().or_else(|| door.incoming.try_recv().ok());
+            if let Some(Incoming::Wake) = next {
+                door.woken.store(false, Ordering::Release);
+            }
+            next
+        };
+        self.looks_next = !self.looks_next;
+        if self.looks_next { other(self).or_else(|| look(self)) } else { look(self).or_else(|| other(self)) }
     }
 
     fn hand_over(

@@ -311,6 +311,14 @@ pub(crate) fn go(
         };
         return refuse(Refusal::NotNow, &text);
     }
+    let layout = record.ledger().store().layout();
+    if let Some(found) = stop_mark::look(layout)
+        && world.switch().knows(&found.asked.id)
+        && world.switch().first_asked().is_none()
+    {
+        // One of the stops that are let go, whose maker has put it there again.
+        stop_mark::settle(layout, &found.asked.id);
+    }
     if stop_mark::is_there(record.ledger().store().layout()) {
         let path = record.ledger().store().layout().stop_asked();
         return Ok(Reply::Refused {

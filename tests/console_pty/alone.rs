@@ -26,7 +26,9 @@ fn a_second_console_stops_the_engine_that_has_the_store_and_does_nothing_else() 
         second.keys(key);
         second.wait_for_text("the engine at work, in another process: the cell is stopped, by alice");
         assert!(home.must(&["status"]).contains("STOPPED  by alice"));
-        home.must(&["go", "--as", "alice", "--reason", "the next key", "--passphrase-file", &words]);
+        let go =
+            ["go", "--stops", "1", "--as", "alice", "--reason", "the next key", "--passphrase-file", &words];
+        home.must(&go);
         second.keys(":pace 2\r");
         second.wait_for_text("no engine is at work here");
     }

@@ -124,7 +124,7 @@ pub(super) fn now(model: &Model, opened: &Intent) -> Result<Vec<String>, String>
         Intent::Abort(what) => return abort_lines(model, what),
         Intent::Go { since_ms, stops, .. } => return halted::still_stopped(model, (*since_ms, *stops)),
         Intent::Goal(_) => return Ok(goal_lines(model)),
-        Intent::ConfirmTime(_) => return clock_lines(model).map(|(_, lines)| lines),
+        Intent::ConfirmTime(read) => return clock_lines(model, Some(*read)).map(|(_, lines)| lines),
         Intent::Note => return Ok(note_lines()),
         Intent::Profile(id, profile, close) => return Ok(profile_lines(model, id, *profile, *close)),
         Intent::Shelve(name) => return alarm_lines(alarm_now(model, name)?, Action::Shelve),
@@ -272,21 +272,22 @@ pub(super) fn goal(model: &mut Model, goal: String) -> Vec<Effect> {
 
 /// Opens the form that confirms what the machine's clock says.
 pub(super) fn confirm_time(model: &mut Model) -> Vec<Effect> {
-    match clock_lines(model) {
+    match clock_lines(model, None) {
         Ok((said, lines)) => open(model, Intent::ConfirmTime(said), lines),
         Err(why) => refuse(model, &why),
     }
 }
 
-/// What the machine's clock says, and why it is not believed; an error if it is.
-fn clock_lines(model: &Model) -> Result<(WallTime, Vec<String>), String> {
+/// What the machine's clock says, or said when it was read, and why it is not believed; an error if it is.
+fn clock_lines(model: &Model, read: Option<WallTime>) -> Result<(WallTime, Vec<String>), String> {
     let doubt = model.told.snapshot.as_ref().and_then(|snapshot| snapshot.clock_doubt.as_ref());
     let doubt = doubt.ok_or_else(|| "the machine's clock is believed".to_owned())?;
+    let said = read.unwrap_or(doubt.said);
     let lines = vec![
-        format!("{}; it says {}", doubt.text, doubt.said.spoken()),
+        format!("{}; it said {} when this was opened", doubt.text, said.spoken()),
         "Hold it against another clock; approvals, freezes and reviews end by it from then on".to_owned(),
     ];
-    Ok((doubt.said, lines))
+    Ok((said, lines))
 }
 
 /// Opens the form that takes a note, with what was typed of it.

@@ -71,6 +71,8 @@ pub(super) struct DoorServer {
     pub(super) braking: SyncSender<Incoming>,
     /// So have looks, which others' reading does not keep waiting.
     pub(super) looking: SyncSender<Incoming>,
+    /// Whether a wake is on its way: there is one at a time, for it takes a place among the requests.
+    pub(super) woken: Arc<AtomicBool>,
     pub(super) events: broadcast::Sender<Arc<str>>,
     pub(super) endings: Arc<AtomicUsize>,
     pub(super) cancel: Arc<AtomicBool>,
@@ -102,7 +104,7 @@ impl DoorServer {
                                 server.cancel.store(true, Ordering::Release);
                             }
                             // A full queue wakes the engine just as well.
-                            drop(server.requests.try_send(Incoming::Wake));
+                            server.wake();
                         }
                     });
                 }
@@ -113,6 +115,13 @@ impl DoorServer {
             runtime.block_on(self.accept(listener));
             runtime.shutdown_timeout(CLOSING_MAX);
         })
+    }
+
+    /// Wakes an engine that waits. A full queue wakes it just as well.
+    fn wake(&self) {
+        if !self.woken.swap(true, Ordering::AcqRel) && self.requests.try_send(Incoming::Wake).is_err() {
+            self.woken.store(false, Ordering::Release);
+        }
     }
 
     async fn accept(self, (mut listener, mut place): (UnixListener, SocketPlace)) {
@@ -132,7 +141,7 @@ impl DoorServer {
                     }
                     if !std::mem::replace(&mut lost, true) {
                         self.names_taken.fetch_add(1, Ordering::AcqRel);
-                        drop(self.requests.try_send(Incoming::Wake));
+                        self.wake();
                     }
                     if let Ok(anew) = place.bind_anew()
                         && let Ok(anew_listener) = UnixListener::from_std(anew.listener)
@@ -283,7 +292,7 @@ impl DoorServer {
         };
         match queue.try_send(Incoming::Request(request, caller.clone(), answer)) {
             // An engine that waits for something wakes by it; a full queue wakes it just as well.
-            Ok(()) if brakes || looks => drop(self.requests.try_send(Incoming::Wake)),
+            Ok(()) if brakes || looks => self.wake(),
             Ok(()) => {}
             Err(TrySendError::Full(_)) => {
                 self.switch.taken(&id);

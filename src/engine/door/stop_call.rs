@@ -124,10 +124,11 @@ impl StopCall {
             } else {
                 std::thread::sleep(LOOK_EVERY);
             }
-            if taken.is_none() {
+            let holder = lock_holder(layout.folder());
+            // Whether an engine took it, the kernel does not tell in another PID namespace.
+            if taken.is_none() && holder != LockHolder::Untold {
                 mark.put(layout, self);
             }
-            let holder = lock_holder(layout.folder());
             if holder == LockHolder::Nobody && said.is_some() {
                 return StopOutcome::NoEngine;
             }
@@ -160,8 +161,12 @@ fn why_not(holder: LockHolder, said: Option<String>, mark: &AskedMark) -> String
     });
     if let Some(problem) = &mark.problem {
         why.push_str(&format!("; no mark could be put into the store's folder: {problem}"));
+    } else if holder == LockHolder::Untold {
+        why.push_str("; a mark of the stop was made in the store's folder, and whether an engine has taken it cannot be told here");
     } else {
-        why.push_str("; the mark of the stop lies in the store's folder, and no engine has taken it");
+        why.push_str(
+            "; the mark of the stop was made in the store's folder, and no engine is known to have taken it",
+        );
     }
     why
 }

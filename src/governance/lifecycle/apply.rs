@@ -346,9 +346,14 @@ impl<R: Rules> ApplyStep<R> {
             from.push(State::Active);
         }
         let pinned = self.family.is_pinned(version) && self.rules.demand(LifecycleRule::PinPredecessor);
+        let is_first = version == VersionRef(0) && self.rules.demand(LifecycleRule::KeepFirst);
         let found = self.within(version, "rejecting", &from)?;
         if found.state == State::Superseded && pinned {
             return Err(Refusal::Pinned);
+        }
+        if is_first {
+            let why = "a stopped family can always go back to its first version, so that is not rejected; `demote` takes it off";
+            return Err(Refusal::Condition { why });
         }
         found.leave(State::Rejected);
         Ok(())

@@ -142,6 +142,8 @@ pub(super) enum LifecycleRule {
     RestrictionOutlives,
     /// A version that comes back into control without the gate is provisional if its window was not passed.
     WindowOutlives,
+    /// A family's first version is never rejected: it is what a stopped family goes back to.
+    KeepFirst,
     /// A stage is repeated on a candidate, not on a version in control.
     RepeatOffControl,
     /// Every change is reported, so that it can be written.
