@@ -109,16 +109,18 @@ pub(super) fn stop(context: &CliContext, args: &StopArgs, out: &mut Output<'_>) 
         }
         match Side::own(context) {
             Ok(mut side) => {
-                let kept = match side.ask_request(call.request())? {
-                    Reply::Stopped { kept: StopKept::InMemory, .. } => "and the stop could not be kept",
-                    Reply::Stopped { .. } => "the next engine there comes up stopped",
-                    reply => return told(&reply, out),
+                let kept = match side.ask_request(call.request()) {
+                    Ok(Reply::Stopped { kept, .. }) if kept != StopKept::InMemory => {
+                        "the next engine there comes up stopped".to_owned()
+                    }
+                    Ok(_) => "the stop could not be kept".to_owned(),
+                    Err(error) => format!("the stop could not be kept: {error}"),
                 };
-                return Err(no_engine(context, kept));
+                return Err(no_engine(context, &kept));
             }
             // One may have come up meanwhile; it takes the mark.
             Err(error) => match call.ask(&layout) {
-                StopOutcome::NoEngine => return Err(error),
+                StopOutcome::NoEngine => return Err(no_engine(context, &error.to_string())),
                 other => outcome = other,
             },
         }

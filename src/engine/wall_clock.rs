@@ -133,12 +133,13 @@ impl WallClock {
         }
     }
 
-    /// What is believed now, for the chain; `None` in a script, in doubt, or where the system does not name the machine's start.
+    /// What is believed, for the chain; `None` in a script, in doubt, or where the system does not name the machine's start. It is
+    /// the reading that all since were held against: else each life of an engine could be off by as much as the profile allows.
     pub(crate) fn reading(&self) -> Option<KeptReading> {
-        let Kind::Machine { clocks, .. } = &self.0 else { return None };
-        let (now, boot) = (clocks.read(), clocks.boot());
-        let is_believed = self.doubt_at(&now).is_none() && !boot.is_empty();
-        is_believed.then_some(KeptReading { boot, boot_ms: now.boot_ms, wall: now.wall })
+        let Kind::Machine { clocks, believed, .. } = &self.0 else { return None };
+        let boot = clocks.boot();
+        let is_believed = self.doubt_at(&clocks.read()).is_none() && !boot.is_empty();
+        is_believed.then_some(KeptReading { boot, boot_ms: believed.boot_ms, wall: believed.wall })
     }
 
     /// Holds the clocks against what an earlier engine believed, if the machine was not started since.

@@ -341,7 +341,7 @@ fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
         // Confirmed by the kernel, or not said.
         match stopped.status.code() {
             Some(0) => {
-                assert!(said(&stopped).contains("the process that has the store"), "{}", said(&stopped))
+                assert!(said(&stopped).contains("the process that has the store"), "{}", said(&stopped));
             }
             code => assert_eq!(code, Some(6), "{}", said(&stopped)),
         }

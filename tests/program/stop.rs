@@ -216,6 +216,32 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
+/// The last of their marks was made when its stop was on record already: nobody removed it, and nobody could let the cell go.
+#[test]
+fn people_who_stop_at_once_leave_nothing_that_keeps_the_cell_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("store");
+    let mut front = Front::start(&data, None);
+    for _ in 0..3 {
+        front.works_for(Duration::from_millis(20));
+        let stops: Vec<_> = (0..8)
+            .map(|number| {
+                let data = data.clone();
+                std::thread::spawn(move || holdpoint(&data, &["stop", "--as", &format!("person-{number}")]))
+            })
+            .collect();
+        for stopped in stops {
+            let stopped = stopped.join().unwrap();
+            assert_eq!(stopped.status.code(), Some(0), "{}", said(&stopped));
+        }
+        let stopped = front.snapshot().stopped.unwrap();
+        assert_eq!(stopped.stops, 8, "{stopped:?}");
+        accepted(&front.go());
+        assert!(!Layout::new(&data).stop_asked().exists());
+    }
+    front.host.stop(PATIENCE).unwrap();
+}
+
 /// With a mistyped folder it made a store, stopped its cell, and said so.
 #[test]
 fn a_stop_without_an_engine_is_not_confirmed() {

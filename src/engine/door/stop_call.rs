@@ -189,8 +189,6 @@ struct AskedMark {
     refused: bool,
     /// Whether the own one was not there at the last look.
     was_removed: bool,
-    /// Whether it was put there again.
-    again: bool,
 }
 
 impl AskedMark {
@@ -202,7 +200,7 @@ impl AskedMark {
             if !std::mem::replace(&mut self.was_removed, own.is_removed()) || !self.was_removed {
                 return;
             }
-            (self.own, self.was_removed, self.again) = (None, false, true);
+            (self.own, self.was_removed) = (None, false);
         }
         if self.refused {
             return;
@@ -216,10 +214,11 @@ impl AskedMark {
         }
     }
 
-    /// Takes away what was put there again, where the stop is on record or kept beside it.
+    /// Takes its mark away where the stop is on record or kept beside it: one that was made after the engine had heard of the stop
+    /// over the socket is removed by nobody else.
     fn settle(&self, layout: &Layout, stop: &StopCall, reply: &Reply) {
         let is_kept = matches!(reply, Reply::Stopped { kept, .. } if *kept != StopKept::InMemory);
-        if self.again && is_kept {
+        if self.own.is_some() && is_kept {
             stop.withdraw(layout);
         }
     }

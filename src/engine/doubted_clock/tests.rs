@@ -282,6 +282,31 @@ fn a_clock_that_was_set_while_no_engine_ran_is_not_believed() {
     }
 }
 
+/// Restarts that were each off by less than the profile allows added up to any time.
+#[test]
+fn what_is_believed_is_handed_on_from_life_to_life() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+    let mut first = engine(folder.path(), &sim, &machine);
+    machine.set(MINUTE_MS);
+    accepted(&confirm(&mut first, machine.said()));
+    let kept = first.record().ledger().wall().reading();
+    assert!(kept.is_some());
+    drop(first);
+    // The profile allows five seconds.
+    let step_ms = 4_000;
+    assert!(sim.clock.jump_max_s < 8.0);
+    machine.set(step_ms);
+    let second = engine(folder.path(), &sim, &machine);
+    assert_eq!(second.snapshot().clock_doubt, None, "slewed within the bound");
+    assert_eq!(second.record().ledger().wall().reading(), kept);
+    drop(second);
+    machine.set(step_ms);
+    let third = engine(folder.path(), &sim, &machine);
+    let doubt = third.snapshot().clock_doubt.map(|doubt| doubt.doubt);
+    assert_eq!(doubt, Some(ClockDoubt::Jumped { by_ms: 2 * step_ms }));
+}
+
 /// Whoever waits for a decision had their own deadlines put off.
 #[test]
 fn whoever_has_a_version_that_waits_confirms_no_time() {

@@ -206,8 +206,8 @@ impl Pipeline {
                     Err(fault) => return Err(fault),
                 };
                 let reply = operations::rearm(&self.context, &mut self.record, &operation)?;
-                if matches!(reply, Reply::Accepted { .. }) {
-                    watched.into_iter().for_each(|watched| self.monitors.insert(watched));
+                if let Some(watched) = watched.filter(|_| matches!(reply, Reply::Accepted { .. })) {
+                    self.monitors.insert(watched);
                 }
                 Ok(reply)
             }

@@ -133,7 +133,9 @@ impl Rollback<'_> {
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
             Ok(_) => {
-                watched.into_iter().for_each(|watched| self.monitors.insert(watched));
+                if let Some(watched) = watched {
+                    self.monitors.insert(watched);
+                }
                 let text = self.give_up(record.in_flight);
                 rung(self.record, &mut record, Rung::SwapBinding, None, &text);
             }

@@ -91,7 +91,8 @@ struct WatchedFolder {
 
 impl WatchedFolder {
     fn of(layout: &Layout) -> io::Result<Self> {
-        let path = layout.folder().to_owned();
+        // A name that begins in the working folder would move with that.
+        let path = std::path::absolute(layout.folder())?;
         let found = fs::metadata(&path)?;
         let told = inotify::init(CreateFlags::CLOEXEC | CreateFlags::NONBLOCK).ok();
         let made = WatchFlags::CREATE | WatchFlags::MOVED_TO | WatchFlags::ONLYDIR;
@@ -175,10 +176,8 @@ fn watch(layout: &Layout, folder: &WatchedFolder, switch: &Switch, ended: &Recei
         }
         let made = folder.marks_made(layout);
         let found = complete(layout);
-        let why = match seen.has_missed(made, found.as_ref().map(|found| found.is)) {
-            true => Some(REMOVED),
-            false => folder.is_away().then_some(AWAY),
-        };
+        let is_missed = seen.has_missed(made, found.as_ref().map(|found| found.is));
+        let why = if is_missed { Some(REMOVED) } else { folder.is_away().then_some(AWAY) };
         if let Some(why) = why.filter(|_| !switch.is_halted()) {
             own_stops += 1;
             let (id, reason) = (format!("watch-{own_stops}"), why.to_owned());
