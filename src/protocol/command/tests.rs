@@ -79,10 +79,10 @@ fn every_command_reads_gives_takes_or_does_neither() {
         (Authority::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
         (
             Authority::Gives,
-            "confirm-time continue go goal rearm register release repeat reset-alarm resume shelve-alarm",
+            "confirm-time continue drift go goal live-fault rearm register release repeat reset-alarm resume shelve-alarm",
         ),
         (Authority::SignedItself, "decide person"),
-        (Authority::Neither, "acknowledge-alarm drift live-fault note pace unshelve-alarm"),
+        (Authority::Neither, "acknowledge-alarm note pace unshelve-alarm"),
     ];
     let mut count = 0;
     for (class, names) in classes {
