@@ -334,7 +334,9 @@ class Persons:
             for setting in settings.values():
                 text(setting)
             looser = at_risk[1] and bool(rules["loosened"])
-            if scripted and not self.was_live:
+            if scripted and self.was_live:
+                raise Bad("record", record["seq"], "a script uses a store that was used under real or human")
+            if scripted:
                 needed = False
             elif last is not None and self.rules == name:
                 needed = looser and self.authorized != name
