@@ -97,7 +97,7 @@ pub fn not_admitted(context: &Context, ledger: &Ledger, capability: &Capability)
         return Some(NotAdmitted::Closed);
     }
     let let_in = member.course.let_in.unwrap_or(LetIn::LEAST);
-    // What never had control was let in by nobody.
+    // A version that never had control has no gate pass that could be too little.
     let had_control = standing.acted || matches!(standing.state, State::Active | State::Superseded);
     (had_control && version != VersionRef(0) && !let_in.suffices(ledger.lets_in()))
         .then_some(NotAdmitted::LetInByLess(let_in))
@@ -122,10 +122,12 @@ impl NotAdmitted {
             Self::Undeclared => format!("does not admit the profile {profile}"),
             Self::Closed => format!("has the profile {profile} closed to it"),
             Self::LetInByLess(LetIn { scripted: true, .. }) => {
-                format!("was let in by a script, and the profile {profile} asks for people's own word")
+                format!("passed its gate in a script, and the profile {profile} needs a gate pass of its own")
             }
             Self::LetInByLess(LetIn { class, .. }) => {
-                format!("was let in under the profile {class}, and {profile} asks for more")
+                format!(
+                    "passed its gate under the profile {class}, and {profile} needs a gate pass of its own"
+                )
             }
         }
     }

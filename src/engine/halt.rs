@@ -5,6 +5,7 @@
 
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::comes_up::{ComesUpStopped, LastEngine, comes_up_stopped, keeps_its_end};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Refusal, Reply, StopKept};
@@ -282,6 +283,16 @@ pub(crate) fn look(record: &mut Record, world: &mut LiveWorld) {
     if let Some(ticks) = after {
         halted.stood_after_ticks = Some(ticks);
         record.tell(EventKind::ArmStands { ticks });
+    }
+}
+
+/// The refusal of whatever would make a version active beside the gate while the cell is stopped: the person who lets the
+/// cell go is not told of that version.
+pub(crate) fn lets_nothing_in(id: &CapabilityId) -> Reply {
+    Reply::Refused {
+        code: Refusal::NotNow,
+        text: format!("the cell is stopped, and {id} does not become active before it works again"),
+        hint: Some("a person lets it work first: `holdpoint go`".to_owned()),
     }
 }
 

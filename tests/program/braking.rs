@@ -30,6 +30,9 @@ use crate::host::{Front, operation};
 /// As many connections ask without pause.
 const READERS: usize = 32;
 
+/// As many connections look without pause: fewer than there is room for.
+const LOOKERS: usize = 20;
+
 /// From the request to the arm that is told to stand.
 const TOLD_WITHIN: Duration = Duration::from_millis(250);
 
@@ -68,21 +71,27 @@ struct Readers {
 }
 
 impl Readers {
-    /// Each eighth has the whole audit chain verified.
+    /// As many of them, who read evidence; each eighth has the whole audit chain verified.
     fn start(folder: &Path, version: &str) -> Self {
+        let version: CapabilityId = version.parse().unwrap();
+        Self::asking(folder, READERS, |number| match number % 8 {
+            7 => Command::VerifyAudit,
+            _ => Command::Detail { version: version.clone() },
+        })
+    }
+
+    fn asking(folder: &Path, count: usize, what: impl Fn(usize) -> Command) -> Self {
         let go_on = Arc::new(AtomicBool::new(true));
         let reader = |number: usize| {
-            let version: CapabilityId = version.parse().unwrap();
+            let question = what(number);
             let (go_on, layout) = (Arc::clone(&go_on), Layout::new(folder));
             std::thread::spawn(move || {
                 let mut answered = 0;
                 let mut connection = None;
                 while go_on.load(Ordering::Acquire) {
-                    let detail = Command::Detail { version: version.clone() };
-                    let question = if number % 8 == 7 { Command::VerifyAudit } else { detail };
                     let client = connection.take().or_else(|| Client::connect(&layout).ok().flatten());
                     let Some(mut client) = client else { continue };
-                    if client.ask(question).is_ok() {
+                    if client.ask(question.clone()).is_ok() {
                         answered += 1;
                         connection = Some(client);
                     }
@@ -90,7 +99,7 @@ impl Readers {
                 answered
             })
         };
-        let threads = (0..READERS).map(reader).collect();
+        let threads = (0..count).map(reader).collect();
         Self { go_on, threads }
     }
 
@@ -198,4 +207,21 @@ fn what_takes_authority_away_waits_for_no_reader_and_no_slice() {
     let p99 = told[(told.len() * 99 / 100).min(told.len() - 1)];
     assert!(p99 <= TOLD_WITHIN, "{told:?}");
     assert!(reads > 0, "nobody read meanwhile");
+}
+
+/// Connections that asked how things stand, without pause, had every other request refused.
+#[test]
+fn looks_without_pause_keep_no_other_request_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let (engine, _) = at_work(folder.path());
+    register(folder.path(), "grasp-improved");
+    let readers = Readers::asking(folder.path(), LOOKERS, |_| Command::Snapshot);
+    for number in 0..20 {
+        let (by, text) = ("ana".to_owned(), format!("note {number}"));
+        let reply = client(folder.path()).ask(Command::Note { by, text }).unwrap();
+        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    }
+    assert!(readers.end() > 0);
+    client(folder.path()).ask(Command::Shutdown).unwrap();
+    engine.join().unwrap();
 }

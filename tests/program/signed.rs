@@ -364,7 +364,13 @@ fn the_verbs_sign_as_who_they_are_told() {
     assert_eq!((by("mara"), by("omar"), by("eve")), ("admin".into(), "admin".into(), Value::Null));
     ends(&["identity", "list"], 0, "nobody");
     ends(&go_mara, 0, "works again");
+    // Near people one's own name under a stop is no proof that it was read.
+    ends(&["stop", "--as", "mara"], 0, "stopped");
+    ends(&["go", "--reason", "empty", "--as", "mara", "--passphrase-file", oak], 3, "--stops 1");
+    ends(&go_mara, 0, "works again");
     ends(&["candidate", "register", CANDIDATE], 3, "--as NAME");
+    ends(&["identity", "new", "zoe", "--role", "admin", "--unprotected"], 0, "not enrolled");
+    ends(&[&["identity", "enrol", "zoe"][..], &act].concat(), 2, "`--role admin` says so");
     ends(&["stop"], 0, "stopped");
     Client::connect(&Layout::new(&data)).unwrap().unwrap().ask(Command::Shutdown).unwrap();
     running.join().unwrap();

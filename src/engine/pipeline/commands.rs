@@ -37,15 +37,6 @@ fn refuse_held(why: &str) -> Reply {
 }
 
 /// Nothing that gives or widens authority is done under a profile that nobody authorized.
-/// Whoever stopped the cell is not told by it who takes the arm once it is let go.
-fn refuse_while_stopped(id: &CapabilityId) -> Reply {
-    Reply::Refused {
-        code: Refusal::NotNow,
-        text: format!("the cell is stopped, and {id} does not become active meanwhile"),
-        hint: Some("a person lets it work first: `holdpoint go`".to_owned()),
-    }
-}
-
 fn refuse_unauthorized(why: &str) -> Reply {
     Reply::Refused { code: Refusal::NotNow, text: why.to_owned(), hint: None }
 }
@@ -194,7 +185,7 @@ impl Pipeline {
                     return Ok(refuse_unauthorized(why));
                 }
                 if self.world.is_halted() {
-                    return Ok(refuse_while_stopped(&operation.version));
+                    return Ok(halt::lets_nothing_in(&operation.version));
                 }
                 let dossier = self.dossiers.of(&operation.version);
                 let watched = match Watched::again(&operation.version, &self.record, dossier, &self.context) {

@@ -22,6 +22,7 @@ use super::closing::{decided, first_reason};
 use super::monitoring::{Live, maybe_confirm};
 use super::rollback::trigger;
 use crate::fault::Fault;
+use crate::halt;
 use crate::ledger::Note;
 use crate::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::people::emergencies;
@@ -35,11 +36,7 @@ impl Activation<'_> {
         // Before anything is written.
         self.agent.check()?;
         if self.cell_stands {
-            return Ok(Reply::Refused {
-                code: Refusal::NotNow,
-                text: "the cell is stopped, and nothing is let in meanwhile".to_owned(),
-                hint: Some("a person lets it work first: `holdpoint go`".to_owned()),
-            });
+            return Ok(halt::lets_nothing_in(&signed.approval().version));
         }
         let checked = emergencies::check(self.context, self.record, self.dossiers, self.approvals, signed)?;
         let emergency = match checked {

@@ -1,5 +1,6 @@
 //! The stages together: every verb in every standing of a version, and what is kept between them.
 
+mod beside;
 mod checkpoints;
 mod kept;
 mod left_out;

@@ -232,6 +232,14 @@ mod tests {
     use super::*;
     use crate::stop_mark::{OwnMark, settle};
 
+    /// A folder, and an engine's watch over it.
+    fn watched() -> (tempfile::TempDir, Layout, Arc<Switch>, MarkWatch) {
+        let folder = tempfile::tempdir().unwrap();
+        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
+        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        (folder, layout, switch, watch)
+    }
+
     fn wait_for(what: &str, is_so: impl Fn() -> bool) {
         let until = Instant::now() + Duration::from_mins(1);
         while !is_so() {
@@ -243,9 +251,7 @@ mod tests {
     /// A mark that was linked back after `go` passed for a stop that the engine had taken, and the arm worked on.
     #[test]
     fn a_mark_that_is_put_back_after_the_cell_was_let_go_stops_it_again() {
-        let folder = tempfile::tempdir().unwrap();
-        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
-        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        let (folder, layout, switch, watch) = watched();
         let own = OwnMark::put(&layout, "a", "ana", "a hand is in the cell").unwrap();
         wait_for("the mark stops the cell", || switch.is_halted());
         let kept = folder.path().join("kept");
@@ -266,9 +272,7 @@ mod tests {
     /// A lock that was shared for ten seconds passed for the confirmation of a later stop.
     #[test]
     fn a_lock_is_shared_for_no_stop_that_is_over() {
-        let folder = tempfile::tempdir().unwrap();
-        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
-        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        let (_folder, layout, switch, watch) = watched();
         let own = OwnMark::put(&layout, "a", "ana", "").unwrap();
         let shares = || own.is_shared_by(i32::try_from(std::process::id()).unwrap());
         wait_for("the lock is shared", shares);
@@ -282,9 +286,7 @@ mod tests {
     /// A program that took the mark away within a look defeated the stop.
     #[test]
     fn a_mark_that_is_removed_at_once_stops_the_cell() {
-        let folder = tempfile::tempdir().unwrap();
-        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
-        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        let (folder, layout, switch, watch) = watched();
         fs::write(folder.path().join("another.file"), "").unwrap();
         for number in 0..50 {
             drop(OwnMark::put(&layout, &format!("stop-{number}"), "ana", "a hand is in the cell").unwrap());
@@ -301,9 +303,7 @@ mod tests {
     /// A stop that is taken and settled is one stop, however soon it is settled.
     #[test]
     fn a_mark_that_the_engine_settles_is_no_second_stop() {
-        let folder = tempfile::tempdir().unwrap();
-        let (layout, switch) = (Layout::new(folder.path()), Arc::new(Switch::default()));
-        let watch = MarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        let (_folder, layout, switch, watch) = watched();
         for number in 0..50 {
             let id = format!("stop-{number}");
             let own = OwnMark::put(&layout, &id, "ana", "").unwrap();

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::form::FormFocus;
-use holdpoint_protocol::snapshot::StopAgain;
+use holdpoint_governance::wall_time::ClockDoubt;
+use holdpoint_protocol::snapshot::{ClockDoubtView, StopAgain};
 
 fn stops(effects: &[Effect]) -> bool {
     matches!(effects, [Effect::Ask { question: Question::Stop { .. }, .. }])
@@ -199,4 +200,32 @@ fn a_go_from_elsewhere_leaves_no_stale_line() {
     let after = screen(&console);
     assert!(!after.contains("stopped"), "{after}");
     assert!(after.contains("the cell works again: omar let it"), "{after}");
+}
+
+/// The form had the clock's second in it: each second it had just changed, and no passphrase was typed fast enough.
+#[test]
+fn the_form_that_confirms_the_time_stays_as_it_was_read() {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    let at = |now: &mut Snapshot, secs: u64| {
+        let (doubt, said) = (ClockDoubt::Jumped { by_ms: 60_000 }, now.time.plus_ms(secs * 1_000));
+        now.clock_doubt = Some(ClockDoubtView { doubt, text: doubt.to_string(), said });
+    };
+    at(&mut now, 0);
+    console.tell(MsgKind::Snapshot(Arc::new(now.clone())));
+    console.keys(":confirm-time");
+    console.press(KeyCode::Enter);
+    let form = |console: &TestConsole| match &console.model.entry.overlay {
+        Some(Overlay::Form(form)) => (form.consequences.clone(), form.problem.clone(), form.void.is_some()),
+        other => panic!("{other:?}"),
+    };
+    let opened = form(&console);
+    for secs in 1..4 {
+        at(&mut now, secs);
+        console.tell(MsgKind::Snapshot(Arc::new(now.clone())));
+        assert_eq!(form(&console), opened);
+    }
+    now.clock_doubt = None;
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    assert!(form(&console).2, "nothing waits to be confirmed any more");
 }

@@ -62,7 +62,7 @@ fn apply(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
     bench.pipeline.live().record.transition(&id.family, event, Note::because("test")).unwrap();
 }
 
-fn done(bench: &mut Bench, command: Command) {
+pub(super) fn done(bench: &mut Bench, command: Command) {
     let reply = bench.pipeline.command(command.clone());
     assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
 }

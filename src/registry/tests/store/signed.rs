@@ -4,7 +4,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use holdpoint_approvals::keyfile;
-use holdpoint_registry::{AuditFilter, Checkpoint, Store, UnsignedRecords, Views, rebuild, verify};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_registry::{
+    AuditBody, AuditFilter, Checkpoint, Store, Transaction, UnsignedRecords, Views, rebuild, verify,
+};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 
@@ -228,4 +231,24 @@ fn a_key_in_place_of_the_stores_is_refused() {
     let error = unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, BY, 7)).unwrap_err();
     assert!(error.to_string().contains("does not sign with this key"), "{error}");
     assert!(verify(&database, Some(&ours)).is_err());
+}
+
+/// A stop that was answered was forgotten with the database's log: the end of the chain is signed right after it.
+#[test]
+fn the_end_of_the_chain_is_signed_right_after_a_stop_and_not_after_everything() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let newest = || {
+        let names = fs::read_dir(store.layout().checkpoints()).unwrap();
+        let seq = |name: String| name.strip_suffix(".json")?.parse::<u64>().ok();
+        names.filter_map(|entry| seq(entry.unwrap().file_name().into_string().unwrap())).max()
+    };
+    for (nth, kind, signed) in [(1, RecordKind::Monitor, false), (2, RecordKind::CellStopped, true)] {
+        let (subject, body) = (String::new(), "{}".to_owned());
+        let audit = vec![AuditBody { kind, subject, body }];
+        let transaction = transaction(&format!("command {nth}"), nth, Vec::new());
+        store.commit(Transaction { audit, ..transaction }).unwrap();
+        let end = store.views().unwrap().head().unwrap().seq;
+        assert_eq!(newest() == Some(end), signed, "{kind}: {end}");
+    }
 }

@@ -1,0 +1,51 @@
+//! What a person signs and reads beside an impostor.
+
+use std::sync::atomic::Ordering;
+
+use holdpoint::engine::door::Client;
+use holdpoint::engine::host::{Host, Update};
+use holdpoint::protocol::command::{Command, Reply, Request};
+use holdpoint::protocol::seat::Sitting;
+
+use super::{Impostor, LIE, Served, said, until};
+
+/// Nothing is signed for whoever is not known to be the engine: a `go` was, over stops that an impostor had hidden.
+#[test]
+fn nothing_is_signed_for_an_impostor() {
+    let folder = tempfile::tempdir().unwrap();
+    let served = Served::start(folder.path());
+    let impostor = Impostor::start(&served.layout());
+    for verb in [&["go"][..], &["confirm-time"], &["resume", "grasp"], &["rearm", "grasp@1.0.0"]] {
+        let done = served.verb(&[verb, &["--as", "admin", "--reason", "all is clear"]].concat());
+        assert_eq!(done.status.code(), Some(6), "{verb:?}: {}", said(&done));
+        assert!(said(&done).contains("nothing was signed"), "{verb:?}: {}", said(&done));
+        assert!(!said(&done).contains(LIE), "{verb:?}: {}", said(&done));
+    }
+    drop(impostor);
+    served.end();
+}
+
+/// A console at the engine read registry, evidence and the check of the chain from an impostor, over its second connection.
+#[test]
+fn a_console_at_the_engine_reads_from_nobody_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let served = Served::start(folder.path());
+    let client = Client::connect(&served.layout()).unwrap().unwrap();
+    let mut console = Host::attach(served.layout(), client, Sitting::default()).unwrap();
+    assert_eq!(console.doubt(), None);
+    // Its requests go over a connection that is made with the first of them.
+    let impostor = Impostor::start(&served.layout());
+    until("the name is not taken", || impostor.taken.load(Ordering::Acquire) > 0);
+    console.ask(Request::unsigned("read".to_owned(), Command::VerifyAudit)).unwrap();
+    let reply = loop {
+        match console.updates.blocking_recv().unwrap() {
+            Update::Answer { reply, .. } => break reply,
+            Update::Ended(ended) => panic!("{ended:?}"),
+            _ => {}
+        }
+    };
+    let Reply::Refused { text, .. } = &reply else { panic!("{reply:?}") };
+    assert!(text.contains("nothing was asked of it") && !text.contains(LIE), "{text}");
+    drop((console, impostor));
+    served.end();
+}
