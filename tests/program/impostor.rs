@@ -554,8 +554,13 @@ fn a_seat_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     let socket = socket_path(&Layout::new(&seats)).metadata().unwrap();
     assert_eq!((socket.mode() & 0o777, socket.gid()), (0o660, fs::metadata(&seats).unwrap().gid()));
     let words = ["stop", "--as", "night", "--data"];
+    // The folder that the program was built in may be closed to other accounts. A program that this process had open to
+    // write could not be started while another test starts one.
+    let program = folder.path().join("holdpoint");
+    let copied = Process::new("cp").arg(env!("CARGO_BIN_EXE_holdpoint")).arg(&program).status().unwrap();
+    assert!(copied.success(), "{copied}");
     let stop_as = |uid: u32, gid: u32| {
-        let mut verb = Process::new(env!("CARGO_BIN_EXE_holdpoint"));
+        let mut verb = Process::new(&program);
         verb.args(words).arg(&seats);
         if is_root {
             verb.uid(uid).gid(gid);
