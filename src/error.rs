@@ -6,9 +6,9 @@ use std::process::ExitCode;
 use holdpoint_engine::StartError;
 use holdpoint_governance::TextError;
 use holdpoint_registry::StoreError;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use holdpoint_text::{Hint, Shown, Untrusted, WIDTH_MAX, sanitise};
+use holdpoint_text::{Hint, Problem, Shown, Untrusted, WIDTH_MAX, sanitise};
 
 /// How a command ended. The codes are part of the interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -86,7 +86,12 @@ impl From<Exit> for ExitCode {
 pub enum CliError {
     /// Something the caller can put right.
     #[error("{}", one_line(.message))]
-    Usage { message: Untrusted, hint: Option<Untrusted> },
+    Usage {
+        message: Untrusted,
+        hint: Option<Untrusted>,
+        /// See [`Hint::code`].
+        reason: Option<&'static str>,
+    },
     /// The engine held, or the time was up.
     #[error("{}", one_line(.message))]
     Held { message: Untrusted, hint: Option<Untrusted> },
@@ -109,7 +114,7 @@ impl CliError {
     #[must_use]
     pub fn usage(error: impl Hint) -> Self {
         let (message, hint) = parts(&error);
-        Self::Usage { message, hint }
+        Self::Usage { message, hint, reason: error.code() }
     }
 
     /// The engine held, or the time was up: an error with the hint it has, or plain words without one.
@@ -131,7 +136,7 @@ impl CliError {
     pub fn with_hint(self, help: impl Into<Untrusted>) -> Self {
         let hint = Some(help.into());
         match self {
-            Self::Usage { message, hint: _ } => Self::Usage { message, hint },
+            Self::Usage { message, hint: _, reason } => Self::Usage { message, hint, reason },
             Self::Held { message, hint: _ } => Self::Held { message, hint },
             Self::NotConfirmed { message, hint: _ } => Self::NotConfirmed { message, hint },
             Self::ReaderGone | Self::Output(_) | Self::Internal(_) => self,
@@ -142,6 +147,13 @@ impl CliError {
     #[must_use]
     pub fn internal(message: impl std::fmt::Display) -> Self {
         Self::Internal(message.to_string().into())
+    }
+
+    /// What is wrong and what would help, for a place that is no command line.
+    #[must_use]
+    pub fn into_problem(self) -> Problem {
+        let hint = self.hint().map(|hint| one_line(hint).to_string());
+        Problem::from((self.to_string(), hint))
     }
 
     /// The exit code to end with.
@@ -181,15 +193,18 @@ impl CliError {
 }
 
 /// An error as programs read it: one JSON document on a line of the standard error stream.
-#[derive(Serialize)]
-struct ErrorDocument<'a> {
-    error: &'a str,
-    hint: Option<String>,
+#[derive(Serialize, Deserialize)]
+pub(crate) struct ErrorDocument {
+    pub(crate) error: String,
+    pub(crate) hint: Option<String>,
     /// The exit code.
     code: u8,
+    /// See [`Hint::code`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) reason: Option<String>,
 }
 
-impl ErrorDocument<'_> {
+impl ErrorDocument {
     fn print(&self, stderr: &mut dyn Write) {
         // An error while printing has nowhere to go.
         drop(serde_json::to_string(self).map(|line| writeln!(stderr, "{line}")));
@@ -197,13 +212,14 @@ impl ErrorDocument<'_> {
 }
 
 impl CliError {
-    /// As [`CliError::print`], for whoever asked for JSON: `{"error": ..., "hint": ..., "code": ...}`.
+    /// As [`CliError::print`], for whoever asked for JSON: `{"error": ..., "hint": ..., "code": ...}`, and `"reason"` where there is one.
     pub fn print_json(&self, stderr: &mut dyn Write) {
         if matches!(self, Self::ReaderGone) {
             return;
         }
         let hint = self.hint().map(|hint| one_line(hint).to_string());
-        ErrorDocument { error: &self.to_string(), hint, code: self.exit().code() }.print(stderr);
+        let reason = if let Self::Usage { reason, .. } = self { reason.map(ToOwned::to_owned) } else { None };
+        ErrorDocument { error: self.to_string(), hint, code: self.exit().code(), reason }.print(stderr);
     }
 }
 
@@ -239,7 +255,7 @@ pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
     if json && error.use_stderr() {
         let said = error.render().to_string();
         let said = one_line(&said.trim_start_matches("error: ").to_owned().into()).to_string();
-        let document = ErrorDocument { error: &said, hint: None, code: Exit::Usage.code() };
+        let document = ErrorDocument { error: said, hint: None, code: Exit::Usage.code(), reason: None };
         document.print(&mut io::stderr().lock());
         return Exit::Usage;
     }

@@ -6,14 +6,14 @@ use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::data;
 use super::own_service::OwnService;
 use super::run::{LivePace, RunArgs};
 use super::settings::{self, file, themes};
+use super::{data, identity};
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
-use holdpoint_console::effects::{OwnFiles, ReadOwnFiles};
+use holdpoint_console::effects::{MakeIdentity, OwnFiles, ReadOwnFiles, Services};
 use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{Cause, Console, ConsoleError, EngineAt};
@@ -74,8 +74,11 @@ pub(super) fn run(context: &CliContext, args: &RunArgs, out: &mut Output<'_>) ->
         data: named(context),
         keymap,
         themes: themes()?,
-        candidates: Box::new(Candidates::default().reader()),
-        own_files: own_files(),
+        services: Services {
+            read_candidate: Box::new(Candidates::default().reader()),
+            read_own_files: own_files(),
+            make_identity: make_identity(context.clone()),
+        },
     };
     let left = holdpoint_console::run::run(console).map_err(|error| match &error {
         ConsoleError::Failed => CliError::internal(error),
@@ -179,6 +182,10 @@ pub(super) fn settings() -> Result<SettingsFile, CliError> {
 }
 
 /// Looks whether keys or themes changed since the last look, and reads both anew if so.
+fn make_identity(context: CliContext) -> MakeIdentity {
+    Arc::new(move |name| identity::make_unprotected(&context, name).map_err(CliError::into_problem))
+}
+
 fn own_files() -> ReadOwnFiles {
     let mut seen = settings::stamp();
     Box::new(move || {

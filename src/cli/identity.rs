@@ -12,12 +12,13 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
 use self::listed::ListedIdentity;
+use super::decide::parse_identity;
 use super::passphrase;
 use crate::cli::context::CliContext;
 use crate::cli::output::Output;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile::{Keep, Protection};
-use holdpoint_approvals::{Cost, Identity, IdentityError, Passphrase};
+use holdpoint_approvals::{Cost, Identity, IdentityError, IdentityInfo, Passphrase};
 use holdpoint_governance::approval::Role;
 use holdpoint_registry::Layout;
 
@@ -166,16 +167,10 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
     let folder = layout.identities();
     match &args.verb {
         IdentityVerb::New { name, role, passphrase_file, unprotected, by, by_passphrase_file } => {
-            if Identity::find(&folder, name).is_ok() {
-                return Err(CliError::usage(IdentityError::Exists(name.clone())));
-            }
-            let passphrase = if *unprotected { None } else { Some(asked_for(passphrase_file.as_deref())?) };
-            let keep = passphrase.as_ref().map_or(Keep::Plain, |words| Keep::Sealed(words, Cost::USUAL));
-            layout.create().map_err(CliError::usage)?;
-            let enroller = acts::Enroller::of(context, by.as_deref(), by_passphrase_file.as_deref())?;
-            let identity = Identity::create_kept(&folder, name, *role, keep).map_err(CliError::usage)?;
-            let info = identity.info().clone();
-            let enrolled = enroller.enrol(identity)?;
+            let secret =
+                || if *unprotected { Ok(None) } else { asked_for(passphrase_file.as_deref()).map(Some) };
+            let enroller = || acts::Enroller::of(context, by.as_deref(), by_passphrase_file.as_deref());
+            let (info, enrolled) = create(&layout, (name, *role), secret, enroller)?;
             let protection = Identity::protection(&folder, name).ok();
             let shown = ListedIdentity::made(&info, protection, enrolled.standing());
             out.answer(&shown, |out| {
@@ -224,6 +219,37 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut Output<'_>) -> R
         IdentityVerb::List => return listed::list(context, out),
     }
     Ok(Exit::Confirmed)
+}
+
+/// Makes an identity and enrolls it.
+fn create(
+    layout: &Layout,
+    (name, role): (&str, Role),
+    secret: impl FnOnce() -> Result<Option<Passphrase>, CliError>,
+    enroller: impl FnOnce() -> Result<acts::Enroller, CliError>,
+) -> Result<(IdentityInfo, acts::Enrolment), CliError> {
+    let folder = layout.identities();
+    if Identity::find(&folder, name).is_ok() {
+        return Err(CliError::usage(IdentityError::Exists(name.to_owned())));
+    }
+    let passphrase = secret()?;
+    let keep = passphrase.as_ref().map_or(Keep::Plain, |words| Keep::Sealed(words, Cost::USUAL));
+    layout.create().map_err(CliError::usage)?;
+    let enroller = enroller()?;
+    let identity = Identity::create_kept(&folder, name, role, keep).map_err(CliError::usage)?;
+    let info = identity.info().clone();
+    Ok((info, enroller.enrol(identity)?))
+}
+
+/// Makes an identity of the default role without a passphrase, as `identity new --unprotected` does.
+///
+/// # Errors
+/// [`CliError`].
+pub(super) fn make_unprotected(context: &CliContext, name: &str) -> Result<(), CliError> {
+    let name = parse_identity(name).map_err(CliError::usage)?;
+    let layout = Layout::new(&context.data);
+    let enroller = || acts::Enroller::of(context, None, None);
+    create(&layout, (&name, Role::Operator), || Ok(None), enroller).map(drop)
 }
 
 /// The passphrase of a new key.

@@ -13,12 +13,13 @@ use std::time::{Duration, Instant};
 
 use super::chosen::AskedProfile;
 use super::run::{LivePace, RunArgs};
+use crate::error::ErrorDocument;
 use holdpoint_console::run::Begun;
 use holdpoint_engine::door::{DoorError, SHOWN_TO_NOBODY};
 use holdpoint_engine::host::{EndFault, Host, HostConfig};
 use holdpoint_protocol::seat::Sitting;
-use holdpoint_registry::{Layout, lock_owner};
-use holdpoint_text::{Hint as _, Untrusted};
+use holdpoint_registry::{Layout, StoreError, lock_owner};
+use holdpoint_text::{Hint as _, Problem, Untrusted};
 
 /// How long it may take until it answers. Its door is open before the record is read, so the store's size is no matter.
 pub const UP_WITHIN: Duration = Duration::from_secs(20);
@@ -34,9 +35,6 @@ const LOG_BYTES_MAX: u64 = 1024 * 1024;
 
 /// The most bytes of its end that are read for its own words.
 const WORDS_BYTES_MAX: u64 = 4096;
-
-/// What an engine says that finds another one at work on its store.
-const IN_USE: &str = "is in use by";
 
 /// The pause between two looks.
 const LOOK: Duration = Duration::from_millis(5);
@@ -55,7 +53,8 @@ pub(super) struct OwnService {
 impl OwnService {
     /// One for the store in this folder, with what `run` was told.
     pub(super) fn new(data: &Path, args: &RunArgs) -> Self {
-        let mut words: Vec<OsString> = ["serve", "--own-session", "--quiet", "--data"].map(Into::into).into();
+        let mut words: Vec<OsString> =
+            ["serve", "--own-session", "--quiet", "--json", "--data"].map(Into::into).into();
         words.push(data.into());
         let mut say = |name: &str, value: &OsStr| {
             // One word each: a value may begin with a dash.
@@ -162,11 +161,10 @@ impl OwnService {
             }
             let taken = ended.is_some() && matches!(lock_owner(&self.layout), Ok(Some(_)));
             if ended.is_some() && !taken {
-                let words = log.words();
-                // Whoever had the store has let go of it meanwhile.
-                let is_free = words.contains(IN_USE) && Instant::now() < until;
+                // The engine that had the store has let go of it meanwhile.
+                let is_free = log.found_store_in_use() && Instant::now() < until;
                 let Some(again) = is_free.then(|| self.spawn(log).ok()).flatten() else {
-                    return Err(EndFault::of(words));
+                    return Err(EndFault::of(log.words()));
                 };
                 (child, ended) = (again, None);
             }
@@ -210,15 +208,21 @@ impl Log {
     /// Its last words: the error if it printed one, else its last line, with where the rest is.
     fn words(&self) -> String {
         let text = self.read().unwrap_or_default();
-        let lines = || text.lines().map(str::trim).filter(|line| !line.is_empty());
-        let error = lines().rev().find_map(|line| line.strip_prefix("error: "));
-        let hint = lines().rev().find(|line| line.starts_with("Hint: ")).filter(|_| error.is_some());
-        let said = match (error.or_else(|| lines().next_back()), hint) {
-            (Some(said), Some(hint)) => format!("{said}. {hint}"),
-            (Some(said), None) => said.to_owned(),
-            (None, _) => format!("it ended without a word; its log is {:?}", self.path),
+        let last_line = || text.lines().map(str::trim).rfind(|line| !line.is_empty());
+        let said = match error_in(&text) {
+            Some(ErrorDocument { error, hint, .. }) => Problem::from((error, hint)).sentence(),
+            None => last_line().map_or_else(
+                || format!("it ended without a word; its log is {:?}", self.path),
+                ToOwned::to_owned,
+            ),
         };
         Untrusted::new(said).line().into_string()
+    }
+
+    /// Whether it ended because another engine works on the store.
+    fn found_store_in_use(&self) -> bool {
+        let error = error_in(&self.read().unwrap_or_default());
+        error.and_then(|error| error.reason).as_deref() == Some(StoreError::IN_USE)
     }
 
     fn read(&self) -> io::Result<String> {
@@ -231,9 +235,15 @@ impl Log {
     }
 }
 
+/// The last error among the lines that were printed.
+fn error_in(text: &str) -> Option<ErrorDocument> {
+    text.lines().rev().find_map(|line| serde_json::from_str(line).ok())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::CliError;
     use clap::Parser as _;
     use std::io::Write as _;
 
@@ -251,7 +261,7 @@ mod tests {
             let service = OwnService::new(Path::new("/data"), &args);
             service.words.into_iter().map(|word| word.into_string().unwrap()).collect()
         };
-        let always = ["serve", "--own-session", "--quiet", "--data", "/data"];
+        let always = ["serve", "--own-session", "--quiet", "--json", "--data", "/data"];
         assert_eq!(words(&[]), [&always[..], &["--attended=60"]].concat());
         let said = [
             "--profile=human",
@@ -283,10 +293,16 @@ mod tests {
             log.words()
         );
         let mut file = log.file.try_clone().unwrap();
-        write!(file, "something\nerror: the disk is full\u{1b}[2J\nHint: make room\n").unwrap();
+        let error = Problem::new("the disk is full\u{1b}[2J").with_hint("make room");
+        writeln!(file, "something").unwrap();
+        CliError::usage(error).print_json(&mut file);
+        assert!(!log.found_store_in_use());
         let words = log.words();
         assert!(words.starts_with("the disk is full") && words.ends_with(". Hint: make room"), "{words}");
         assert!(!words.contains('\u{1b}'), "{words:?}");
+        let in_use = StoreError::InUse { path: "/data".into(), owner: "process 7".to_owned() };
+        CliError::usage(in_use).print_json(&mut file);
+        assert!(log.found_store_in_use());
         // A long one is put aside.
         file.set_len(LOG_BYTES_MAX + 1).unwrap();
         let log = Log::open(folder.path().join(LOG_NAME)).unwrap();

@@ -48,6 +48,16 @@ pub struct OwnFiles {
 /// Looks whether the operator's files changed: nothing if not, else what they say or what is wrong with them.
 pub type ReadOwnFiles = Box<dyn FnMut() -> Option<Result<OwnFiles, Problem>>>;
 
+/// Makes an identity of this name without a passphrase and enrolls it. It may wait for the engine: on a thread of its own.
+pub type MakeIdentity = Arc<dyn Fn(&str) -> Result<(), Problem> + Send + Sync>;
+
+/// What the console has the program do beside the engine.
+pub struct Services {
+    pub read_candidate: ReadCandidate,
+    pub read_own_files: ReadOwnFiles,
+    pub make_identity: MakeIdentity,
+}
+
 /// What an effect is carried out on.
 pub struct EffectTarget<'a> {
     pub screen: &'a mut Screen,
@@ -88,8 +98,7 @@ pub struct Begun {
 
 pub struct Hands {
     pub host: Host,
-    candidates: ReadCandidate,
-    own_files: ReadOwnFiles,
+    services: Services,
     themes: Themes,
     exports: Option<PathBuf>,
     errands: mpsc::Sender<Errand>,
@@ -103,14 +112,13 @@ impl Hands {
     #[must_use]
     pub fn new(
         host: Host,
-        candidates: ReadCandidate,
-        own_files: ReadOwnFiles,
+        services: Services,
         themes: Themes,
         exports: Option<PathBuf>,
         errands: mpsc::Sender<Errand>,
         view: Option<SocketAddr>,
     ) -> Self {
-        Self { host, candidates, own_files, themes, exports, errands, view, rung_ms: None }
+        Self { host, services, themes, exports, errands, view, rung_ms: None }
     }
 
     /// Does one thing.
@@ -132,7 +140,7 @@ impl Hands {
             }
             Effect::Register { id, folder, passphrase } => {
                 let known = known(place.model);
-                match (self.candidates)(folder.as_deref(), &known) {
+                match (self.services.read_candidate)(folder.as_deref(), &known) {
                     Ok(command) => self.ask_as(place.model, id, command, passphrase),
                     Err(problem) => refused(id, Refusal::BadInput, &problem),
                 }
@@ -182,7 +190,7 @@ impl Hands {
     /// Takes in keys and themes that changed while the console is open. A file that is wrong changes nothing: what was in
     /// force stays, and the problem is said.
     fn look_at_own_files(&mut self, place: &mut EffectTarget<'_>) -> Outcome {
-        match (self.own_files)() {
+        match (self.services.read_own_files)() {
             None => Outcome::Quiet,
             Some(Err(problem)) => bad(format!("not taken in, the old ones stay: {}", problem.sentence())),
             Some(Ok(files)) => {
@@ -196,12 +204,12 @@ impl Hands {
         }
     }
 
-    /// Makes an identity as a person does on the command line, by the same verb: what it checks and puts on record is
-    /// one place's. On a thread of its own, for the engine takes it in.
+    /// Makes an identity as a person does on the command line. On a thread of its own, for the engine takes it in.
     fn make_identity(&self, name: String) -> Outcome {
         let (tell, folder) = (self.errands.clone(), self.host.identities());
+        let make = Arc::clone(&self.services.make_identity);
         let work = move || {
-            let came = match people::make(&folder, &name) {
+            let came = match make(&name).and_then(|()| people::find(&folder, &name)) {
                 Ok(operator) => MsgKind::Operator(operator),
                 Err(problem) => told(&problem.sentence(), true),
             };

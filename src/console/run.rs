@@ -21,7 +21,7 @@ pub use self::farewell::{Cause, Left};
 use self::screen::Screen;
 use self::session::Session;
 pub use super::effects::Begun;
-use super::effects::{ReadCandidate, ReadOwnFiles};
+use super::effects::Services;
 use super::keymap::Keymap;
 use super::look::{Look, LookOptions, ThemeError};
 use super::model::{ConsoleSettings, Model};
@@ -58,10 +58,7 @@ pub struct Console {
     pub keymap: Arc<Keymap>,
     /// The themes there are.
     pub themes: Themes,
-    /// How a candidate is read for registration.
-    pub candidates: ReadCandidate,
-    /// Whether the operator's own files changed.
-    pub own_files: ReadOwnFiles,
+    pub services: Services,
 }
 
 /// Why there was no console, or none any more.
@@ -127,8 +124,7 @@ fn on_screen(console: Console, look: Look, guard: RunningGuard) -> Result<Left, 
     let parts = session::Parts {
         engine: console.engine,
         view: console.view,
-        candidates: console.candidates,
-        own_files: console.own_files,
+        services: console.services,
         themes: console.themes,
         exports,
         operator: console.options.operator,

@@ -10,7 +10,6 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
-use holdpoint_text::Hint;
 
 /// The alarms that were raised, and when their conditions are looked at next.
 #[derive(Default)]
@@ -71,11 +70,11 @@ impl Record {
         match holdpoint_governance::alarms::apply(self.alarms(), event, self.now_ms(), self.wall_now()) {
             Ok(changes) => {
                 if let Err(error) = self.take_in(&changes, Vec::new()) {
-                    self.hold_silently(&error.sentence());
+                    self.hold_silently(&error);
                 }
             }
             Err(error) => {
-                self.hold_silently(&error.sentence());
+                self.hold_silently(&error);
             }
         }
     }

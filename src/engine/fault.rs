@@ -36,14 +36,14 @@ pub enum Fault {
 impl Fault {
     /// Why the engine holds for it, and what helps from then on: nothing is written any more before it begins anew.
     #[must_use]
-    pub fn held(&self) -> String {
+    pub fn held(&self) -> Problem {
         match self {
             Self::Store(StoreError::DiskFull { .. })
             | Self::Ledger(LedgerError::Store(StoreError::DiskFull { .. })) => {
                 let hint = "free some space, then end the engine and start it again";
-                Problem::new(self.to_string()).with_hint(hint).sentence()
+                Problem::new(self.to_string()).with_hint(hint)
             }
-            _ => self.sentence(),
+            _ => Problem::of(self),
         }
     }
 
@@ -89,7 +89,8 @@ mod tests {
         assert_eq!(Fault::Store(approval).refusal(), Some(Refusal::NotAllowed));
         assert_eq!(Fault::Store(StoreError::DiskFull { what: "write" }).refusal(), Some(Refusal::Store));
         let held = Fault::Store(StoreError::DiskFull { what: "write" }).held();
-        assert!(held.ends_with("Hint: free some space, then end the engine and start it again"), "{held}");
+        let hint = "free some space, then end the engine and start it again";
+        assert_eq!(held.hint().as_deref(), Some(hint));
         assert_eq!(Fault::Store(StoreError::Unknown).refusal(), None, "nobody knows what is written: hold");
     }
 }

@@ -88,7 +88,7 @@ use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::component::keep_compiled_in;
-use holdpoint_text::Hint;
+use holdpoint_text::{Hint, Problem};
 
 /// Answers remembered for retried commands.
 const ANSWERS_KEPT: usize = 1024;
@@ -157,6 +157,10 @@ pub enum StartError {
 }
 
 impl Hint for StartError {
+    fn code(&self) -> Option<&'static str> {
+        if let Self::Store(error) = self { error.code() } else { None }
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Store(error) => error.hint(),
@@ -554,7 +558,7 @@ impl Engine {
 
     /// Why the engine holds, if it does.
     #[must_use]
-    pub fn holding(&self) -> Option<&str> {
+    pub const fn holding(&self) -> Option<&Problem> {
         self.pipeline.record().holding()
     }
 

@@ -571,7 +571,7 @@ impl Pipeline {
     }
 
     /// From now on nothing is approved, activated or begun; what is active stays.
-    pub(crate) fn hold(&mut self, why: &str) {
+    pub(crate) fn hold(&mut self, why: &(impl holdpoint_text::Hint + ?Sized)) {
         self.work = None;
         self.parked.clear();
         self.record.hold(why);

@@ -13,6 +13,7 @@ use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_text::{Hint, Problem};
 
 use crate::alarms::RaisedAlarms;
 use crate::fault::Fault;
@@ -28,7 +29,7 @@ pub struct Record {
     /// Told and not taken yet.
     events: Vec<EventKind>,
     /// Why the engine holds, if it does.
-    holding: Option<String>,
+    holding: Option<Problem>,
     /// Counts of what was told.
     tally: Tally,
 }
@@ -122,20 +123,20 @@ impl Record {
 
     /// Why the engine holds, if it does.
     #[must_use]
-    pub fn holding(&self) -> Option<&str> {
-        self.holding.as_deref()
+    pub const fn holding(&self) -> Option<&Problem> {
+        self.holding.as_ref()
     }
 
     /// From now on nothing is approved, activated or begun; what is active stays.
-    pub fn hold(&mut self, why: &str) {
-        self.holding = Some(why.to_owned());
-        self.tell(EventKind::Fault { text: why.to_owned() });
-        self.raise(AlarmKey::EngineFault, Priority::Critical, true, why);
+    pub fn hold(&mut self, why: &(impl Hint + ?Sized)) {
+        self.holding = Some(Problem::of(why));
+        self.tell(EventKind::Fault { text: why.sentence() });
+        self.raise(AlarmKey::EngineFault, Priority::Critical, true, &why.sentence());
     }
 
     /// As [`Record::hold`] without a word: the alarm that would say so is what could not be written.
-    pub(crate) fn hold_silently(&mut self, why: &str) {
-        self.holding.get_or_insert_with(|| why.to_owned());
+    pub(crate) fn hold_silently(&mut self, why: &impl Hint) {
+        self.holding.get_or_insert_with(|| Problem::of(why));
     }
 
     /// Applies a lifecycle event and tells what moved.

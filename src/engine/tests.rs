@@ -140,7 +140,7 @@ fn a_store_that_is_changed_under_a_running_engine_holds() {
     let reply = pipeline.command(Command::Restrict(operation));
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     pipeline.advance();
-    let holding = pipeline.record().holding().map(ToOwned::to_owned).unwrap_or_default();
+    let holding = pipeline.record().holding().map(Hint::sentence).unwrap_or_default();
     assert!(holding.contains("the family \"align\" does not match the audit chain"), "{holding}");
     drop(pipeline);
     assert!(matches!(Store::open(folder.path()), Err(holdpoint_registry::StoreError::Refused { .. })));
@@ -163,7 +163,7 @@ fn another_agent_holds() {
     let change = context_change((profile, policy_digest, context.to_string()));
     committed(store, change);
     let second = pipeline(folder.path(), ProfileName::Sim);
-    assert!(second.record().holding().is_some_and(|why| why.contains("the agent is not the one")));
+    assert!(second.record().holding().is_some_and(|why| why.sentence().contains("the agent is not the one")));
 }
 
 #[test]
@@ -254,8 +254,8 @@ fn under_another_agent_nothing_becomes_active_by_any_door() {
     let before = other.record().active_of(&id.family).unwrap().id();
     other.live().world.cell.replace_agent(Agent::called("another"));
     assert_eq!(work(&mut other, &id), Some(State::Shadowed));
-    let why = other.record().holding().map(ToOwned::to_owned);
-    assert!(why.is_some_and(|why| why.contains("the agent is not the one")));
+    let why = other.record().holding().map(Hint::sentence);
+    assert!(why.is_some_and(|why| why.sentence().contains("the agent is not the one")));
     assert_eq!(other.record().active_of(&id.family).unwrap().id(), before);
     let events = other.drain_events();
     assert!(!events.iter().any(|event| matches!(event, EventKind::Activated { .. })), "{events:?}");

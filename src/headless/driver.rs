@@ -23,7 +23,7 @@ use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, S
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_protocol::standing::{Decider, Stands};
-use holdpoint_text::Problem;
+use holdpoint_text::{Hint as _, Problem};
 
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -207,7 +207,7 @@ impl<'a> Driver<'a> {
         }
         match self.pump.engine().holding() {
             None => Ok(()),
-            Some(why) => Err(CliError::internal(format!("the engine holds: {why}"))),
+            Some(why) => Err(CliError::internal(format!("the engine holds: {}", why.sentence()))),
         }
     }
 

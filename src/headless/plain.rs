@@ -28,7 +28,7 @@ use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
-use holdpoint_text::Problem;
+use holdpoint_text::{Hint as _, Problem};
 
 /// Which versions are taken through the stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -254,7 +254,7 @@ impl PlainStream<'_> {
         }
         match self.pump.engine().holding() {
             None => Ok(()),
-            Some(why) => Err(CliError::internal(format!("the engine holds: {why}"))),
+            Some(why) => Err(CliError::internal(format!("the engine holds: {}", why.sentence()))),
         }
     }
 

@@ -135,7 +135,16 @@ impl StoreError {
     }
 }
 
+impl StoreError {
+    /// The code of [`StoreError::InUse`].
+    pub const IN_USE: &'static str = "store-in-use";
+}
+
 impl Hint for StoreError {
+    fn code(&self) -> Option<&'static str> {
+        matches!(self, Self::InUse { .. }).then_some(Self::IN_USE)
+    }
+
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::InUse { .. } => Some("send commands to that engine, or end it first".into()),

@@ -23,8 +23,9 @@ use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// The text of an approval, also where its row is under another key.
-const SIGNED: &str =
-    "SELECT signed FROM approval WHERE nonce = ?1 OR instr(signed, ?1) > 0 ORDER BY nonce <> ?1 LIMIT 1";
+const SIGNED: &str = "SELECT signed FROM approval WHERE nonce = ?1
+     OR CASE WHEN json_valid(signed) THEN json_extract(signed, '$.approval.nonce') = ?1 END
+     ORDER BY nonce <> ?1 LIMIT 1";
 
 /// The parts of a store record that are applied.
 #[derive(Deserialize)]

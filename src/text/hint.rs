@@ -12,6 +12,11 @@ pub trait Hint: fmt::Display {
     /// What the reader can do about it, as one phrase without a full stop; `None` if nothing is known to help.
     fn hint(&self) -> Option<Cow<'static, str>>;
 
+    /// The stable name of what is wrong, for programs that act on it; `None` where none does.
+    fn code(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Message and hint on one line, for places that have no more: a notice, an event's text, a table's cell.
     fn sentence(&self) -> String {
         match self.hint() {
@@ -28,6 +33,10 @@ pub trait Hint: fmt::Display {
 impl<T: Hint + ?Sized> Hint for &T {
     fn hint(&self) -> Option<Cow<'static, str>> {
         (**self).hint()
+    }
+
+    fn code(&self) -> Option<&'static str> {
+        (**self).code()
     }
 }
 
@@ -61,7 +70,7 @@ impl Problem {
 
     /// An error's message and hint, if its type is not needed any more.
     #[must_use]
-    pub fn of(error: &impl Hint) -> Self {
+    pub fn of(error: &(impl Hint + ?Sized)) -> Self {
         Self { text: error.to_string(), hint: error.hint() }
     }
 

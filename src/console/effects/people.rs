@@ -1,10 +1,8 @@
 //! Who sits here, and their signature under what they decided.
 //!
-//! A key is read for one signature and forgotten. Must not make identities by itself: the program's own verb does, which
-//! checks the name and puts the person on record.
+//! A key is read for one signature and forgotten. Must not make identities: [`super::MakeIdentity`] does.
 
 use std::path::Path;
-use std::process::{Command as ProcessCommand, Stdio};
 
 use crate::operator::Operator;
 use crate::prompt::PromptAnswer;
@@ -28,27 +26,6 @@ pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
     Identity::find(folder, name)
         .map(|info| operator(folder, &info))
         .map_err(|error| Problem::new(error.to_string()).with_hint(made))
-}
-
-/// Makes an identity without a passphrase by `holdpoint identity new`, and finds it.
-pub fn make(folder: &Path, name: &str) -> Result<Operator, Problem> {
-    // The identities' folder is `keys/identities` of the store's.
-    let data = folder.ancestors().nth(2).ok_or_else(|| Problem::new("the store's folder is not known"))?;
-    let cannot =
-        |error: std::io::Error| Problem::new(format!("cannot run `holdpoint identity new`: {error}"));
-    let program = std::env::current_exe().map_err(cannot)?;
-    let made = ProcessCommand::new(program)
-        .args(["identity", "new", "--unprotected", "--data"])
-        .arg(data)
-        .args(["--", name])
-        .stdin(Stdio::null())
-        .output()
-        .map_err(cannot)?;
-    if !made.status.success() {
-        let said = String::from_utf8_lossy(&made.stderr);
-        return Err(Problem::new(said.lines().collect::<Vec<_>>().join("; ")));
-    }
-    find(folder, name)
 }
 
 /// The engine's command for a decision, signed by who made it.

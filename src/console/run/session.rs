@@ -17,7 +17,7 @@ use super::input;
 use super::pace::{FramePace, Want};
 use super::screen::Screen;
 use crate::effect::Effect;
-use crate::effects::{Begun, EffectTarget, Errand, Hands, Outcome, ReadCandidate, ReadOwnFiles};
+use crate::effects::{Begun, EffectTarget, Errand, Hands, Outcome, Services};
 use crate::frame;
 use crate::look::Look;
 use crate::model::{EngineLink, Model, Overlay, Seeking, View};
@@ -62,8 +62,7 @@ const ERRANDS_MAX: usize = 16;
 pub(super) struct Parts {
     pub(super) engine: EngineAt,
     pub(super) view: Option<SocketAddr>,
-    pub(super) candidates: ReadCandidate,
-    pub(super) own_files: ReadOwnFiles,
+    pub(super) services: Services,
     pub(super) themes: Themes,
     pub(super) exports: Option<PathBuf>,
     pub(super) operator: Option<String>,
@@ -156,7 +155,7 @@ impl Session {
                 *coming
             }
         };
-        let Parts { candidates, own_files, themes, exports, .. } = parts;
+        let Parts { services, themes, exports, .. } = parts;
         Ok(Self {
             begun: Instant::now(),
             model,
@@ -166,7 +165,7 @@ impl Session {
             guard,
             inputs: input::start()?,
             errands,
-            hands: Hands::new(host, candidates, own_files, themes, exports, tell.clone(), view),
+            hands: Hands::new(host, services, themes, exports, tell.clone(), view),
             operator: parts.operator,
             pace: FramePace::default(),
             leaving: None,

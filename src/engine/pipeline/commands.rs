@@ -1,5 +1,7 @@
 //! Carries a command out: which operation it is, and over which parts of the pipeline.
 
+use std::borrow::Cow;
+
 use super::Pipeline;
 use crate::alarms;
 use crate::doubted_clock;
@@ -27,13 +29,12 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::Purpose;
-use holdpoint_text::Untrusted;
+use holdpoint_text::{Hint as _, Problem, Untrusted};
 
-fn refuse_held(why: &str) -> Reply {
-    // What says itself what helps is not contradicted.
-    let hint = (!why.contains("Hint: "))
-        .then(|| "end the engine, look at `holdpoint audit verify`, and start it again".to_owned());
-    Reply::Refused { code: Refusal::Holding, text: format!("the engine is holding: {why}"), hint }
+fn refuse_held(why: &Problem) -> Reply {
+    let start_again = "end the engine, look at `holdpoint audit verify`, and start it again";
+    let hint = why.hint().unwrap_or(start_again.into()).into_owned();
+    Reply::Refused { code: Refusal::Holding, text: format!("the engine is holding: {why}"), hint: Some(hint) }
 }
 
 /// Nothing that gives or widens authority is done under a profile that nobody authorized.
@@ -95,10 +96,9 @@ impl Pipeline {
             let body = body.to_string();
             // What was done is done, and not said to be refused; who cannot write down who asked does nothing more.
             if let Err(error) = self.record.note(RecordKind::Asked, subject, body) {
-                self.hold(&format!(
-                    "who asked for {asked} could not be put on record: {}",
-                    Fault::from(error).held()
-                ));
+                let why = Fault::from(error).held();
+                let text = format!("who asked for {asked} could not be put on record: {why}");
+                self.hold(&Problem::from((text, why.hint().map(Cow::into_owned))));
             }
         }
         reply

@@ -16,6 +16,7 @@ use holdpoint_governance::alarms::Alarm;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot};
+use holdpoint_text::Hint;
 
 /// What a snapshot is taken of.
 pub(crate) struct SnapshotView<'a> {
@@ -94,7 +95,7 @@ impl SnapshotView<'_> {
             agent: self.world.cell.agent_hash(),
             reading: None,
             signing: self.signed_calls.view(self.context, self.record),
-            holding: self.record.holding().map(ToOwned::to_owned),
+            holding: self.record.holding().map(Hint::sentence),
             stopped: self.world.halted.clone(),
             unauthorized: self.context.unauthorized.clone(),
             families,

@@ -395,7 +395,9 @@ impl Drive<'_> {
         }
         match self.pump.engine().holding() {
             None => Ok(()),
-            Some(why) => Err(ExperimentError::candidate(self.name, format!("the engine holds: {why}"))),
+            Some(why) => {
+                Err(ExperimentError::candidate(self.name, format!("the engine holds: {}", why.sentence())))
+            }
         }
     }
 

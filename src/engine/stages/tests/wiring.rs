@@ -3,6 +3,7 @@
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::Rate;
 use holdpoint_protocol::command::{Caller, Command, Reply};
+use holdpoint_text::Hint;
 
 use super::standings::{CANDIDATE, operation};
 use crate::binding::{measured_terms_of, terms_of};
@@ -66,6 +67,6 @@ fn a_caller_that_cannot_be_put_on_record_holds_the_engine() {
     let release = Command::Release { operation: operation(&id), profiles: Vec::new() };
     let released = bench.pipeline.command_of(release, &caller, None);
     assert!(matches!(released, Reply::Accepted { .. }), "{released:?}");
-    let held = bench.pipeline.record().holding().unwrap_or_default();
+    let held = bench.pipeline.record().holding().map(Hint::sentence).unwrap_or_default();
     assert!(held.contains("who asked for release"), "{held}");
 }
